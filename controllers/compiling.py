@@ -1,0 +1,96 @@
+"""How the project compiles its kernels: one decorator, one way to choose a stage by type, one cache that is never stale.
+
+Numba's own disk cache looks at the file of the compiled function alone, and would go on using a flight loop whose
+policy has been edited in another file. The locators below mix every source file of the project into the stamp.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import caching
+from numba.extending import overload
+
+_SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in ("controllers", "moflock_mj"))
+
+
+@functools.cache
+def _sources_stamp() -> tuple[int, int]:
+    """Newest modification time (ns) and total size (bytes) over the project's sources."""
+    stats = [source.stat() for root in _SOURCE_ROOTS for source in root.glob("*.py")]
+    return max(s.st_mtime_ns for s in stats), sum(s.st_size for s in stats)
+
+
+class _ProjectSources:
+    """A cache locator for this project's files only; every other file is left to Numba."""
+
+    def get_source_stamp(self) -> tuple[int, int]:
+        return _sources_stamp()
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Any:
+        if Path(py_file).resolve().parent not in _SOURCE_ROOTS:
+            return None
+        return super().from_function(py_func, py_file)  # type: ignore[misc]
+
+
+class _BesideTheSource(_ProjectSources, caching.InTreeCacheLocator):
+    pass
+
+
+class _InTheUsersCache(_ProjectSources, caching.UserWideCacheLocator):
+    pass
+
+
+# A folder that the user named by NUMBA_CACHE_DIR is Numba's first choice already.
+if not numba.config.CACHE_DIR:
+    caching.CompileResultCacheImpl._locator_classes = [
+        _BesideTheSource,
+        _InTheUsersCache,
+        *caching.CompileResultCacheImpl._locator_classes,
+    ]
+
+kernel = functools.partial(numba.njit, nogil=True, error_model="numpy")
+"""Decorator of every compiled function: no interpreter lock, IEEE division."""
+
+entry_kernel = functools.partial(kernel, cache=True)
+"""Decorator of the few compiled functions that Python calls: as `kernel`, and kept on disk."""
+
+
+def stage(signature: Callable[..., None]) -> Callable[..., None]:
+    """Declare a stage of the flight whose implementation is chosen by the type of its first argument.
+
+    The choice is made when the loop is compiled for that type, so that another arena, policy or plant costs nothing
+    in each step: it brings a named tuple and, under `implements`, a function with the stage's own argument names.
+    """
+    implementations: dict[type, Callable[..., None]] = {}
+
+    @functools.wraps(signature)
+    def choose(*argument_types: Any, **named: Any) -> Callable[..., None] | None:
+        first = argument_types[0] if argument_types else next(iter(named.values()))
+        return implementations.get(getattr(first, "instance_class", None))  # type: ignore[arg-type]
+
+    signature.implementations = implementations  # type: ignore[attr-defined]
+    overload(signature)(choose)
+    return signature
+
+
+def implements(
+    declared_stage: Callable[..., None], chosen_by: type
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator: compile this function as `declared_stage` wherever the first argument is a `chosen_by`.
+
+    Args:
+        declared_stage: a function made by `stage`.
+        chosen_by: the named tuple that selects this implementation.
+    """
+
+    def register(implementation: Callable[..., None]) -> Callable[..., None]:
+        declared_stage.implementations[chosen_by] = implementation  # type: ignore[attr-defined]
+        return implementation
+
+    return register
