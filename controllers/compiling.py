@@ -75,7 +75,7 @@ def stage(signature: Callable[..., None]) -> Callable[..., None]:
         return implementations.get(getattr(first, "instance_class", None))  # type: ignore[arg-type]
 
     signature.implementations = implementations  # type: ignore[attr-defined]
-    overload(signature)(choose)
+    overload(signature, strict=False)(choose)  # strict would compare annotations too, which differ by design
     return signature
 
 

@@ -1,0 +1,152 @@
+"""The flocking policy: 12 parameters, and what a drone senses, to its desired velocity.
+
+Source: Vasarhelyi et al., Optimized flocking of autonomous drones in confined environments, Science Robotics 3 (2018),
+with the shill gain of Bansal, Sethi, Anicho and Nagar (`c_shill`). Symbols are theirs.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.compiling import entry_kernel, implements, kernel
+from controllers.policy import Sensed, SpeedLimits, desired_velocity
+
+
+class FlockingParams(NamedTuple):
+    """The 12 parameters of the policy, in the paper's order.
+
+    Attributes:
+        r0_rep: range of repulsion, m.
+        p_rep: gain of repulsion, 1/s.
+        r0_frict: range of full alignment, beyond r0_rep, m.
+        a_frict: acceleration of the alignment's braking curve, m/s^2.
+        p_frict: slope of the alignment's braking curve, 1/s.
+        v_frict: velocity difference that alignment tolerates, m/s.
+        c_frict: gain of alignment, 1.
+        r0_shill: distance before the wall at which a drone should have stopped, m.
+        v_shill: speed of the shill agents, m/s.
+        a_shill: acceleration of the wall's braking curve, m/s^2.
+        p_shill: slope of the wall's braking curve, 1/s.
+        c_shill: gain of the wall, 1.
+    """
+
+    r0_rep: float
+    p_rep: float
+    r0_frict: float
+    a_frict: float
+    p_frict: float
+    v_frict: float
+    c_frict: float
+    r0_shill: float
+    v_shill: float
+    a_shill: float
+    p_shill: float
+    c_shill: float
+
+
+@kernel
+def braking_curve(x: float, a: float, p: float) -> float:
+    """Largest speed (m/s) from which a drone stops within x metres: slope p close by, acceleration a beyond.
+
+    Vasarhelyi et al. 2018, Eq. 1: 0 for x p <= 0; x p for x p < a/p; sqrt(2 a x - (a/p)^2) beyond.
+    """
+    if x <= 0:
+        return 0.0
+    if x * p < a / p:
+        return x * p
+    return sqrt(2 * a * x - (a / p) ** 2)
+
+
+@kernel
+def braking_distance(v: float, a: float, p: float) -> float:
+    """Metres that a drone needs to stop from v m/s: the inverse of `braking_curve`."""
+    if v < a / p:
+        return v / p
+    return (v * v / a + a / (p * p)) / 2
+
+
+@kernel
+def _repulsion(params: FlockingParams, v_rep_max: float, rx: float, ry: float) -> tuple[float, float]:
+    """Velocity away from a neighbour at (rx, ry), m."""
+    distance_sq = rx * rx + ry * ry
+    if distance_sq >= params.r0_rep * params.r0_rep or distance_sq == 0:
+        return 0.0, 0.0
+    distance = sqrt(distance_sq)
+    gain = -min(params.p_rep * (params.r0_rep - distance), v_rep_max) / distance
+    return gain * rx, gain * ry
+
+
+@kernel
+def _alignment(params: FlockingParams, rx: float, ry: float, vx: float, vy: float) -> tuple[float, float]:
+    """Velocity towards that of a neighbour at (rx, ry), m, which moves at (vx, vy), m/s, as seen from the drone."""
+    difference_sq = vx * vx + vy * vy
+    if difference_sq <= params.v_frict * params.v_frict or difference_sq == 0:
+        return 0.0, 0.0
+    tolerated = params.v_frict
+    full_range = params.r0_frict + params.r0_rep
+    distance_sq = rx * rx + ry * ry
+    if full_range < 0 or distance_sq > full_range * full_range:
+        tolerated = max(tolerated, braking_curve(sqrt(distance_sq) - full_range, params.a_frict, params.p_frict))
+    difference = sqrt(difference_sq)
+    if difference <= tolerated:
+        return 0.0, 0.0
+    gain = params.c_frict * (difference - tolerated) / difference
+    return gain * vx, gain * vy
+
+
+@kernel
+def _shill(
+    params: FlockingParams, distance: float, normal_x: float, normal_y: float, vx: float, vy: float
+) -> tuple[float, float]:
+    """Velocity towards that of a wall's shill agent, for a drone `distance` metres before it that moves at (vx, vy)."""
+    ex, ey = params.v_shill * normal_x - vx, params.v_shill * normal_y - vy
+    difference_sq = ex * ex + ey * ey
+    tolerated = braking_curve(distance - params.r0_shill, params.a_shill, params.p_shill)
+    if difference_sq <= tolerated * tolerated:
+        return 0.0, 0.0
+    difference = sqrt(difference_sq)
+    gain = params.c_shill * (difference - tolerated) / difference
+    return gain * ex, gain * ey
+
+
+@implements(desired_velocity, FlockingParams)
+def flock(params: FlockingParams, limits: SpeedLimits, sensed: Sensed, out: NDArray[np.float64]) -> None:
+    """Desired velocity of each drone: self-propulsion + repulsion + alignment + walls, cut to v_max.
+
+    Args:
+        params: the 12 parameters.
+        limits: speeds of the scenario, m/s.
+        sensed: what each drone knows.
+        out: (2, N), m/s, world; written.
+    """
+    x, y = sensed.own_position
+    vx, vy = sensed.own_velocity
+    heard_x, heard_y = sensed.heard_position
+    heard_vx, heard_vy = sensed.heard_velocity
+    for i in range(x.size):
+        speed = sqrt(vx[i] * vx[i] + vy[i] * vy[i])
+        cruise = limits.v_flock / speed if speed > 0 else 0.0
+        want_x, want_y = cruise * vx[i], cruise * vy[i]
+        for k in range(sensed.neighbour_count[i]):
+            j = sensed.neighbours[i, k]
+            rx, ry = heard_x[j] - x[i], heard_y[j] - y[i]
+            rep_x, rep_y = _repulsion(params, limits.v_rep_max, rx, ry)
+            frict_x, frict_y = _alignment(params, rx, ry, heard_vx[j] - vx[i], heard_vy[j] - vy[i])
+            want_x += rep_x + frict_x
+            want_y += rep_y + frict_y
+        for wall in range(sensed.wall_distance.shape[0]):
+            normal_x, normal_y = sensed.wall_normal[wall, 0, i], sensed.wall_normal[wall, 1, i]
+            shill_x, shill_y = _shill(params, sensed.wall_distance[wall, i], normal_x, normal_y, vx[i], vy[i])
+            want_x += shill_x
+            want_y += shill_y
+        want = sqrt(want_x * want_x + want_y * want_y)
+        cut = limits.v_max / want if want > limits.v_max else 1.0
+        out[0, i], out[1, i] = cut * want_x, cut * want_y
+
+
+decide = entry_kernel(flock)
+"""`flock`, compiled, for callers outside a compiled flight: a live deployment, a notebook, a test."""

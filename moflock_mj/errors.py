@@ -1,0 +1,25 @@
+"""The testbed's errors: each is one line that names the field, its value and the limit."""
+
+
+class MoflockError(Exception):
+    """What a user can cause and mend; every other exception is a fault of the program."""
+
+
+class AirframeError(MoflockError):
+    """An airframe is unknown, or its model file does not describe a multirotor that can be flown."""
+
+
+class ScenarioError(MoflockError):
+    """A scenario has a field, a value or a combination that cannot be flown."""
+
+
+class PointError(MoflockError):
+    """A parameter point is unknown, unreadable or out of bounds."""
+
+
+class LogError(MoflockError):
+    """A log cannot be written, read or recovered."""
+
+
+class FlightError(MoflockError):
+    """A flight cannot go on, such as one whose state is no longer finite."""

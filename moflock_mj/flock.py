@@ -1,0 +1,130 @@
+"""A flock in flight: builds the stages that a scenario asks for, and flies them chunk by chunk."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.flocking import FlockingParams
+from controllers.policy import Sensed, SpeedLimits
+from moflock_mj.arena import SquareArena
+from moflock_mj.clocks import Clocks
+from moflock_mj.errors import FlightError, ScenarioError
+from moflock_mj.loop import Draws, Memory, Record, Stages, fly_beats
+from moflock_mj.order_parameters import Tally, Yardstick, cluster_range
+from moflock_mj.point_mass import PointMass
+from moflock_mj.randomness import Streams
+from moflock_mj.scenario import DEFAULT_STEP, Scenario
+from moflock_mj.sensing import SensorModel, SensorState
+from moflock_mj.start import start_world
+
+
+class Flock:
+    """A flight that has been built and not yet flown to its end.
+
+    Args:
+        params: the policy's parameters.
+        scenario: what is flown.
+        dynamics: "rigid_body" or "point_mass".
+        seed: a whole number from 0.
+
+    Raises:
+        MoflockError: the scenario cannot be flown with these dynamics.
+    """
+
+    def __init__(self, params: FlockingParams, scenario: Scenario, dynamics: str, seed: int) -> None:
+        if dynamics not in DEFAULT_STEP:
+            raise ScenarioError(f"dynamics: {dynamics!r} is unknown: it must be one of {', '.join(DEFAULT_STEP)}")
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise ScenarioError(f"seed: {seed!r} is out of bounds: it must be a whole number of at least 0")
+        self.scenario = scenario
+        self.step = scenario.step_for(dynamics)
+        self.streams = Streams.of(int(seed))
+        clocks = Clocks.of(scenario, self.step)
+        arena = SquareArena(scenario.arena_side)
+        world = start_world(scenario, self.streams.start)
+        self.body = None
+        plant: NamedTuple = PointMass(self.step, scenario.tau, scenario.a_max, scenario.sigma_outer)
+        if dynamics == "rigid_body":
+            from moflock_mj.rigid_body import RigidBodyFlock  # noqa: PLC0415 - point masses fly without MuJoCo
+
+            self.body = RigidBodyFlock(scenario, self.step, world)
+            plant = self.body.plant
+        self.stages = Stages(
+            clocks=clocks,
+            plant=plant,
+            params=params,
+            limits=SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max),
+            arena=arena,
+            sensors=SensorModel(
+                t_gps=scenario.t_gps,
+                sigma_inner=scenario.sigma_inner,
+                lambda_gps=scenario.lambda_gps,
+                r_comm=scenario.r_comm,
+                packet_loss=scenario.packet_loss_ratio / scenario.packet_loss_distance**2,
+            ),
+            yardstick=Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll),
+        )
+        self.memory = Memory(
+            world=world,
+            desired=np.zeros((2, scenario.drones)),
+            sensor_state=SensorState.at_start(world, clocks.ticks_late),
+            sensed=Sensed.empty(scenario.drones, arena.walls),
+            tally=Tally.empty(scenario.drones, arena.walls),
+        )
+        self.beat = 0
+        """Beats flown so far."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time flown so far, s."""
+        return self.beat * self.stages.clocks.steps_per_beat * self.step
+
+    @property
+    def finished(self) -> bool:
+        return self.beat >= self.stages.clocks.beats
+
+    def fly(self, seconds: float, *, whole_states: bool = False) -> Record:
+        """Fly on for `seconds` of simulated time (at least a beat), or to the flight's end if that is sooner.
+
+        Args:
+            seconds: simulated time.
+            whole_states: whether the record holds qpos and qvel too.
+
+        Returns:
+            The samples that fell due; after the first call, that of the start as well.
+
+        Raises:
+            FlightError: a state is no longer finite.
+        """
+        clocks = self.stages.clocks
+        wanted = max(round(seconds / (clocks.steps_per_beat * self.step)), 1)
+        count = min(wanted, clocks.beats - self.beat)
+        end = self.beat + count
+        samples = end // clocks.sample_every - self.beat // clocks.sample_every + (self.beat == 0)
+        record = Record.empty(samples, samples if whole_states else 0, self.scenario.drones)
+        fly_beats(self.stages, self.memory, self._draw(count), record, self.beat, count)
+        self.beat = end
+        if not np.isfinite(self.memory.world.position).all():
+            drone = int(np.argmin(np.isfinite(self.memory.world.position).all(axis=0)))
+            raise FlightError(f"drone {drone}: its state is no longer finite before {self.time:g} s")
+        return record
+
+    def _draw(self, beats: int) -> Draws:
+        """Random numbers for the next beats, the same however a flight is cut into calls."""
+        clocks, drones = self.stages.clocks, self.scenario.drones
+        ticks = -(-(self.beat + beats) // clocks.sense_every) - -(-self.beat // clocks.sense_every)
+        lossy = drones if self.stages.sensors.packet_loss > 0 else 0
+        return Draws(
+            gps=self.streams.sensing.standard_normal((ticks, 2, 2, drones)),
+            loss=self.streams.communication.random((ticks, lossy, lossy)),
+            outer=self.streams.disturbance.standard_normal((beats * clocks.steps_per_beat, 2, drones)),
+        )
+
+    def arrays(self) -> dict[str, Any]:
+        """Every array that changes in flight, by name."""
+        memory = self.memory
+        rooms = {"world": memory.world, "sensor": memory.sensor_state, "sensed": memory.sensed, "tally": memory.tally}
+        named = {f"{room}.{name}": array for room, held in rooms.items() for name, array in held._asdict().items()}
+        return named | {"desired": memory.desired} | (self.body.arrays() if self.body else {})

@@ -1,0 +1,237 @@
+"""What a flight's log consists of: its channels, their schemas, and the bytes of the messages that every tick repeats.
+
+The messages of a tick are protobuf, yet no protobuf object is made for them. Their length never changes within a flight, so each is a
+NumPy record: constant bytes (tags, lengths, names) around fields that are filled for many ticks at once. The writer fills such
+records; a reader takes the drones out of a `foxglove.PointCloud` with `np.frombuffer(cloud.data, POINT)`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from mcap_protobuf.schema import build_file_descriptor_set
+
+# Rises when a reader made for the older layout would misread the newer one; stands as `log_version` in the metadata.
+LOG_VERSION = 1
+RUN_METADATA = "moflock.run"
+RESULT_METADATA = "moflock.result"
+WORLD_FRAME = "world"
+
+ORDER_PARAMETER_FIELDS = ("phi_wall", "phi_vel", "phi_corr", "phi_coll", "phi_disc", "phi_cluster")
+FITNESS_FIELDS = ("F_wall", "F_speed", "F_corr", "F_coll", "F_disc", "F_cluster", "F_1", "F_2", "F_product")
+
+# One drone in the point cloud: qpos and qvel in MuJoCo's order (position m and velocity m/s in the world frame, quaternion wxyz from
+# body to world, rates rad/s in the body frame), the commanded velocity in m/s in the world frame, and a colour.
+POINT = np.dtype(
+    [("qpos", "<f4", (7,)), ("qvel", "<f4", (6,)), ("desired_velocity", "<f4", (3,)), ("rgba", "u1", (4,))]
+)
+POINT_FLOATS = (
+    *("x", "y", "z", "qw", "qx", "qy", "qz"),
+    *("vx", "vy", "vz", "p", "q", "r"),
+    *("desired_vx", "desired_vy", "desired_vz"),
+)
+# Four fields of a byte each: what Foxglove and Lichtblick call `rgba-fields` and choose by themselves.
+POINT_COLOURS = ("red", "green", "blue", "alpha")
+# (4, 4) u8, a drone's colour by its status: fine, outside the arena, closer than r_coll to another, has touched something.
+STATUS_RGBA = np.array(
+    [[66, 165, 245, 255], [255, 202, 40, 255], [255, 112, 32, 255], [229, 28, 52, 255]], dtype=np.uint8
+)
+
+_VARINT, _DOUBLE, _BYTES = 0, 1, 2  # protobuf's wire types
+_TAGGED_DOUBLE = np.dtype([("tag", "u1"), ("value", "<f8")])
+_DIGEST_SIZE = 16
+
+
+def _own_messages() -> tuple[Any, Any]:
+    """The classes of `moflock.Metrics` and `moflock.SimState`, in a pool of their own."""
+    file = FileDescriptorProto(name="moflock/log.proto", package="moflock", syntax="proto3")
+    kinds = FieldDescriptorProto
+    doubles = [(name, kinds.TYPE_DOUBLE) for name in (*ORDER_PARAMETER_FIELDS, *FITNESS_FIELDS)]
+    messages = {
+        "Metrics": [*doubles, ("tick", kinds.TYPE_UINT64), ("state_digest", kinds.TYPE_BYTES)],
+        "SimState": [("version", kinds.TYPE_UINT32), ("state", kinds.TYPE_BYTES)],
+    }
+    for message, fields in messages.items():
+        descriptor = file.message_type.add(name=message)
+        for number, (name, kind) in enumerate(fields, start=1):
+            descriptor.field.add(name=name, number=number, type=kind, label=kinds.LABEL_OPTIONAL)
+    pool = DescriptorPool()
+    pool.Add(file)
+    metrics, state = (GetMessageClass(pool.FindMessageTypeByName(f"moflock.{name}")) for name in messages)
+    return metrics, state
+
+
+Metrics, SimState = _own_messages()
+
+# In the order of their channel ids, 1 to 6, which is the same in every log.
+CHANNELS: dict[str, Any] = {
+    "/swarm/points": PointCloud,
+    "/tf": FrameTransforms,
+    "/metrics": Metrics,
+    "/log": Log,
+    "/scene": SceneUpdate,
+    "/sim/state": SimState,
+}
+
+
+def schema_of(message_class: Any) -> tuple[str, bytes]:
+    """A message class's full name, and its FileDescriptorSet with all that it imports."""
+    return message_class.DESCRIPTOR.full_name, build_file_descriptor_set(message_class).SerializeToString(
+        deterministic=True
+    )
+
+
+def frame_name(drone: int, drones: int) -> str:
+    """A drone's frame in /tf; all names of one flight are equally long."""
+    return f"drone_{drone:0{max(2, len(str(drones - 1)))}d}"
+
+
+def state_digest(qpos: npt.NDArray[np.float64], qvel: npt.NDArray[np.float64]) -> bytes:
+    """Sixteen bytes that stand for one tick's exact state.
+
+    Args:
+        qpos: (N, 7), position m and quaternion wxyz.
+        qvel: (N, 6), velocity m/s and body rates rad/s.
+    """
+    digest = hashlib.blake2b(np.ascontiguousarray(qpos, "<f8"), digest_size=_DIGEST_SIZE)
+    digest.update(np.ascontiguousarray(qvel, "<f8"))
+    return digest.digest()
+
+
+class WireRecord(NamedTuple):
+    """A protobuf message whose length is constant.
+
+    Attributes:
+        dtype: the message, byte by byte; what changes from tick to tick has a field.
+        constant: the message's bytes, its fields still zero.
+    """
+
+    dtype: np.dtype[Any]
+    constant: bytes
+
+    def rows(self, count: int) -> npt.NDArray[Any]:
+        """(count,) writable messages, their fields still zero."""
+        return np.frombuffer(bytearray(self.constant * count), self.dtype)
+
+
+def points_record(drones: int) -> WireRecord:
+    """`foxglove.PointCloud` with the fields `seconds`, `nanos` and `points`, (N,) of POINT."""
+    cloud = PointCloud(frame_id=WORLD_FRAME, point_stride=POINT.itemsize)
+    cloud.pose.orientation.w = 1.0
+    for place, name in enumerate(POINT_FLOATS):
+        cloud.fields.add(name=name, offset=4 * place, type=PackedElementField.FLOAT32)
+    for place, name in enumerate(POINT_COLOURS):
+        cloud.fields.add(name=name, offset=4 * len(POINT_FLOATS) + place, type=PackedElementField.UINT8)
+    points = _Piece(bytes(drones * POINT.itemsize), "points", (POINT, (drones,)))
+    stamp = _message(PointCloud.TIMESTAMP_FIELD_NUMBER, *_TIMESTAMP)
+    return _record(_Piece(cloud.SerializeToString()), *stamp, *_message(PointCloud.DATA_FIELD_NUMBER, points))
+
+
+def transforms_record(drones: int) -> WireRecord:
+    """`foxglove.FrameTransforms` with the field `drones`, (N,) of `seconds`, `nanos`, `translation` m and `rotation` xyzw."""
+    records = [_transform(frame_name(drone, drones)) for drone in range(drones)]
+    return WireRecord(
+        np.dtype([("drones", records[0].dtype, (drones,))]), b"".join(record.constant for record in records)
+    )
+
+
+def metrics_record() -> WireRecord:
+    """`moflock.Metrics` with the fields `values` (order parameters, then fitness), `tick` and `digest`."""
+    values = _doubles("values", len(ORDER_PARAMETER_FIELDS) + len(FITNESS_FIELDS))
+    tick = _Piece(_tag(Metrics.TICK_FIELD_NUMBER, _VARINT))
+    digest = _Piece(bytes(_DIGEST_SIZE), "digest", ("u1", (_DIGEST_SIZE,)))
+    return _record(values, tick, _integer("tick"), *_message(Metrics.STATE_DIGEST_FIELD_NUMBER, digest))
+
+
+def fill_integer(field: npt.NDArray[np.uint8], value: npt.NDArray[np.int64]) -> None:
+    """Write integers below 2**35 as varints.
+
+    They always take five bytes, which protobuf allows, so that a message is equally long at all times.
+
+    Args:
+        field: (..., 5), the field to write.
+        value: (...), broadcast against the field.
+    """
+    for byte in range(4):
+        field[..., byte] = (value >> (7 * byte)) & 0x7F | 0x80
+    field[..., 4] = value >> 28
+
+
+def fill_time(rows: npt.NDArray[Any], time_ns: npt.NDArray[np.int64]) -> None:
+    """Write simulated times, ns, into the timestamps of messages."""
+    seconds, nanos = np.divmod(time_ns, 1_000_000_000)
+    fill_integer(rows["seconds"], seconds)
+    fill_integer(rows["nanos"], nanos)
+
+
+class _Piece(NamedTuple):
+    """A stretch of a message: its bytes, and a name and dtype if they change."""
+
+    constant: bytes
+    name: str = ""
+    dtype: Any = None
+
+
+def _record(*pieces: _Piece) -> WireRecord:
+    constant = b"".join(piece.constant for piece in pieces)
+    starts = np.cumsum([0, *(len(piece.constant) for piece in pieces)])
+    fields = [(piece, int(start)) for piece, start in zip(pieces, starts, strict=False) if piece.name]
+    names = [piece.name for piece, _ in fields]
+    formats = [piece.dtype for piece, _ in fields]
+    offsets = [start for _, start in fields]
+    dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(constant)})
+    return WireRecord(dtype, constant)
+
+
+def _varint(value: int) -> bytes:
+    if value < 0x80:
+        return bytes([value])
+    return bytes([value & 0x7F | 0x80]) + _varint(value >> 7)
+
+
+def _tag(number: int, wire_type: int) -> bytes:
+    return _varint(number << 3 | wire_type)
+
+
+def _message(number: int, *pieces: _Piece) -> tuple[_Piece, ...]:
+    """The pieces as a field whose length stands before it: bytes or a message."""
+    length = sum(len(piece.constant) for piece in pieces)
+    return (_Piece(_tag(number, _BYTES) + _varint(length)), *pieces)
+
+
+def _doubles(name: str, count: int) -> _Piece:
+    """The fields 1 to `count` of a message, all of them doubles."""
+    constant = b"".join(_tag(number, _DOUBLE) + bytes(8) for number in range(1, count + 1))
+    return _Piece(constant, name, (_TAGGED_DOUBLE, (count,)))
+
+
+def _integer(name: str) -> _Piece:
+    return _Piece(b"\x80\x80\x80\x80\x00", name, ("u1", (5,)))
+
+
+_TIMESTAMP = (_Piece(_tag(1, _VARINT)), _integer("seconds"), _Piece(_tag(2, _VARINT)), _integer("nanos"))
+
+
+def _transform(frame: str) -> WireRecord:
+    """One `foxglove.FrameTransform` as an element of the list that /tf is."""
+    return _record(
+        *_message(
+            FrameTransforms.TRANSFORMS_FIELD_NUMBER,
+            *_message(1, *_TIMESTAMP),
+            *_message(2, _Piece(WORLD_FRAME.encode())),
+            *_message(3, _Piece(frame.encode())),
+            *_message(4, _doubles("translation", 3)),
+            *_message(5, _doubles("rotation", 4)),
+        )
+    )

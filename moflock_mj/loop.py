@@ -1,0 +1,157 @@
+"""The compiled loop of a flight: the stages in the order in which they happen."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.compiling import entry_kernel, kernel
+from controllers.policy import Sensed, SpeedLimits, desired_velocity
+from moflock_mj.clocks import Clocks
+from moflock_mj.order_parameters import Tally, Yardstick, count_sample, write_running
+from moflock_mj.plant import advance, write_state
+from moflock_mj.sensing import SensorModel, SensorState, remember, sense
+from moflock_mj.world import World
+
+
+class Draws(NamedTuple):
+    """Random numbers for the beats of one call, drawn beforehand in the order in which they are used.
+
+    Attributes:
+        gps: (ticks, 2, 2, N), N(0, 1).
+        loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no packet can be lost.
+        outer: (steps, 2, N), N(0, 1).
+    """
+
+    gps: NDArray[np.float64]
+    loss: NDArray[np.float64]
+    outer: NDArray[np.float64]
+
+
+class Record(NamedTuple):
+    """Room for the samples of one call: K of them, and as many whole states as a log wants (K or 0).
+
+    Attributes:
+        position: (K, N, 3), m, world.
+        velocity: (K, N, 3), m/s, world.
+        desired: (K, 2, N), m/s, world, the command in force.
+        status: (K, N), flags.
+        nearest: (K,), smallest distance between two drones, m.
+        order_parameters: (K, 6), running.
+        qpos: (K or 0, N, 7).
+        qvel: (K or 0, N, 6).
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    desired: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    nearest: NDArray[np.float64]
+    order_parameters: NDArray[np.float64]
+    qpos: NDArray[np.float64]
+    qvel: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, samples: int, states: int, drones: int) -> Record:
+        """Room for `samples` samples and `states` whole states of `drones` drones."""
+        return cls(
+            position=np.empty((samples, drones, 3)),
+            velocity=np.empty((samples, drones, 3)),
+            desired=np.empty((samples, 2, drones)),
+            status=np.empty((samples, drones), np.uint8),
+            nearest=np.empty(samples),
+            order_parameters=np.empty((samples, 6)),
+            qpos=np.zeros((states, drones, 7)),
+            qvel=np.zeros((states, drones, 6)),
+        )
+
+
+class Stages(NamedTuple):
+    """What a flight is made of; the types of `plant`, `params` and `arena` choose the stages' implementations."""
+
+    clocks: Clocks
+    plant: NamedTuple
+    params: NamedTuple
+    limits: SpeedLimits
+    arena: NamedTuple
+    sensors: SensorModel
+    yardstick: Yardstick
+
+
+class Memory(NamedTuple):
+    """All that changes in flight, but for what a plant keeps to itself.
+
+    Attributes:
+        world: the true state.
+        desired: (2, N), m/s, world, the command in force.
+        sensor_state: errors and packets in the air.
+        sensed: what each drone knows.
+        tally: sums behind the order parameters.
+    """
+
+    world: World
+    desired: NDArray[np.float64]
+    sensor_state: SensorState
+    sensed: Sensed
+    tally: Tally
+
+
+@kernel
+def _sample(stages: Stages, memory: Memory, record: Record, beat: int, k: int) -> None:
+    """Judge the state at this beat and write sample k."""
+    counts = beat >= stages.clocks.first_counted
+    world, tally = memory.world, memory.tally
+    record.nearest[k] = count_sample(world, stages.arena, stages.yardstick, counts, tally)
+    write_running(tally, record.order_parameters[k])
+    record.status[k] = tally.status
+    record.desired[k] = memory.desired
+    for i in range(tally.status.size):
+        for axis in range(3):
+            record.position[k, i, axis] = world.position[axis, i]
+            record.velocity[k, i, axis] = world.velocity[axis, i]
+    if record.qpos.shape[0] > 0:
+        write_state(stages.plant, world, record.qpos[k], record.qvel[k])
+
+
+@entry_kernel
+def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, first: int, count: int) -> None:
+    """Fly `count` beats from beat `first`; a flight's first call also samples the start.
+
+    Args:
+        stages: what the flight is made of.
+        memory: the state; moves on.
+        draws: random numbers for these beats.
+        record: the samples that fall due; written.
+        first: number of the first beat.
+        count: number of beats.
+    """
+    clocks, world = stages.clocks, memory.world
+    sample, tick = 0, 0
+    if first == 0:
+        _sample(stages, memory, record, 0, 0)
+        sample = 1
+    for beat in range(first, first + count):
+        if beat % clocks.sense_every == clocks.remember_at:
+            remember(memory.sensor_state, world, beat // clocks.sense_every)
+        if beat % clocks.sense_every == 0:
+            heard = beat // clocks.sense_every - clocks.ticks_late
+            sense(
+                stages.sensors,
+                memory.sensor_state,
+                world,
+                stages.arena,
+                heard,
+                draws.gps[tick],
+                draws.loss[tick],
+                memory.sensed,
+            )
+            desired_velocity(stages.params, stages.limits, memory.sensed, memory.desired)
+            tick += 1
+        step = (beat - first) * clocks.steps_per_beat
+        noise = draws.outer[step : step + clocks.steps_per_beat]
+        advance(stages.plant, world, memory.desired, memory.sensor_state.velocity_error[0], noise)
+        if (beat + 1) % clocks.sample_every == 0:
+            _sample(stages, memory, record, beat + 1, sample)
+            sample += 1

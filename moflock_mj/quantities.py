@@ -1,0 +1,98 @@
+"""Fields of frozen dataclasses that know their unit and their bounds, checked when an object is made."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+from moflock_mj.errors import MoflockError
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """What a field's value must be.
+
+    Attributes:
+        unit: SI unit, "1" for a plain number or a name.
+        low: smallest value, or None.
+        high: largest value, or None.
+        open_low: whether `low` itself is refused.
+        choices: the names that a text field may take; any text if empty.
+        help: one line for people.
+    """
+
+    unit: str
+    low: float | None = None
+    high: float | None = None
+    open_low: bool = False
+    choices: tuple[str, ...] = ()
+    help: str = ""
+
+    def limit(self) -> str:
+        """The bounds in words, for an error or a comment."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        above = f"{'over' if self.open_low else 'at least'} {self.low:g}{unit}" if self.low is not None else ""
+        below = f"at most {self.high:g}{unit}" if self.high is not None else ""
+        return " and ".join(part for part in (above, below) if part)
+
+    def admits(self, value: Any) -> bool:
+        """Whether a value of the right type lies within the bounds."""
+        if isinstance(value, str):
+            return not self.choices or value in self.choices
+        if self.low is not None and (value < self.low or (self.open_low and value == self.low)):
+            return False
+        return self.high is None or value <= self.high
+
+
+def quantity(default: Any, unit: str, help: str, **bounds: Any) -> Any:
+    """A dataclass field with a default, a unit and bounds."""
+    return dataclasses.field(default=default, metadata={"bounds": Bounds(unit=unit, help=help, **bounds)})
+
+
+def check_fields(record: Any, error: type[MoflockError]) -> None:
+    """Check every field of a frozen dataclass, and store whole numbers of real fields as floats.
+
+    Raises:
+        MoflockError: (`error`) one line that names the field, the value and the limit.
+    """
+    for field in dataclasses.fields(record):
+        value = _typed(field, getattr(record, field.name), error)
+        bounds: Bounds = field.metadata["bounds"]
+        if value is not None and not bounds.admits(value):
+            raise error(f"{field.name}: {value!r} is out of bounds: it must be {bounds.limit()}")
+        object.__setattr__(record, field.name, value)
+
+
+def check_keys(given: Iterable[str], allowed: Iterable[str], error: type[MoflockError]) -> None:
+    """Refuse names that are not allowed, with the nearest one that is."""
+    names = list(allowed)
+    for name in given:
+        if name not in names:
+            near = get_close_matches(name, names, n=1)
+            hint = f"did you mean {near[0]}?" if near else "known are " + ", ".join(names)
+            raise error(f"{name}: unknown name; {hint}")
+
+
+def _typed(field: dataclasses.Field[Any], value: Any, error: type[MoflockError]) -> Any:
+    """The value as the field's own type (annotations are texts such as "float | None")."""
+    wanted = [name.strip() for name in str(field.type).split("|")]
+    if value is None and "None" in wanted:
+        return None
+    if wanted[0] == "bool" and isinstance(value, bool):
+        return value
+    if wanted[0] == "str" and isinstance(value, str):
+        return value
+    number = not isinstance(value, (bool, str)) and hasattr(value, "__float__")
+    if wanted[0] == "int" and number and float(value).is_integer():
+        return int(value)
+    if wanted[0] == "float" and number:
+        if not math.isfinite(value):
+            raise error(f"{field.name}: {value!r} is not a finite number")
+        return float(value)
+    kinds = {"bool": "true or false", "str": "a text", "int": "a whole number", "float": "a number"}
+    raise error(f"{field.name}: {value!r} is of the wrong type: it must be {kinds[wanted[0]]}")
