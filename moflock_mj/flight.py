@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
+from moflock_mj.events import FlightEvent, find_events
 from moflock_mj.fitness import Fitness, fitness_of
 from moflock_mj.flock import Flock
 from moflock_mj.loop import Record
@@ -19,8 +21,90 @@ from moflock_mj.order_parameters import OrderParameters
 from moflock_mj.points import check_point
 from moflock_mj.scenario import Scenario
 
-_CHUNK = 10.0
-"""Simulated seconds between two looks at the clock, without a log."""
+_CHUNK = {"point_mass": 10.0, "rigid_body": 1.0}
+"""Simulated seconds between two looks at progress and Ctrl-C."""
+
+_LOGGED_CHUNK = 1.0
+"""Simulated seconds that a log gets at once, which is also what a killed program loses."""
+
+Progress = Callable[[float, Fitness], None]
+"""Told, now and then, the simulated time in s and the running fitness."""
+
+
+class Samples(NamedTuple):
+    """The flight as it was sampled, T times; true states.
+
+    Attributes:
+        t: (T,), s.
+        position: (T, N, 3), m, world.
+        velocity: (T, N, 3), m/s, world.
+        desired_velocity: (T, N, 2), m/s, world, the command in force.
+        status: (T, N), flags OUTSIDE, CLOSE and TOUCHED of `order_parameters`.
+        nearest: (T,), m, smallest distance between two drones.
+        order_parameters: arrays over (T,), running.
+    """
+
+    t: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    desired_velocity: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    nearest: NDArray[np.float64]
+    order_parameters: OrderParameters
+
+
+class BodyFigures(NamedTuple):
+    """What only a rigid body has.
+
+    Attributes:
+        touched: drones that touched another one or the ground.
+        tilt_max: rad, largest tilt of a body.
+        altitude_error_max: m.
+        saturated_share: share of the drones' time in which a rotor was commanded to its limit.
+    """
+
+    touched: int
+    tilt_max: float
+    altitude_error_max: float
+    saturated_share: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Flight:
+    """A flight that is over.
+
+    Attributes:
+        params: the policy's parameters.
+        scenario: what was flown.
+        dynamics: "rigid_body" or "point_mass".
+        seed: of all random numbers.
+        flown: s, simulated; less than the scenario's duration if the flight was stopped.
+        order_parameters: over the flight.
+        fitness: of them.
+        samples: the flight; None if they were not kept.
+        events: touches, near misses, breaches, in order of time.
+        body: what only rigid bodies have; None for point masses.
+        wall_seconds: how long it took.
+        log: where it is logged, or None.
+    """
+
+    params: FlockingParams
+    scenario: Scenario
+    dynamics: str
+    seed: int
+    flown: float
+    order_parameters: OrderParameters
+    fitness: Fitness
+    samples: Samples | None
+    events: tuple[FlightEvent, ...]
+    body: BodyFigures | None
+    wall_seconds: float
+    log: Path | None
+
+    @property
+    def complete(self) -> bool:
+        """Whether the flight lasted as long as its scenario."""
+        return self.flown >= self.scenario.duration - 1e-9
 
 
 def fly(
@@ -31,11 +115,106 @@ def fly(
     seed: int = 1,
     log: str | Path | None = None,
     keep_samples: bool = True,
-):
-    flock = Flock(check_point(params), scenario or Scenario(), dynamics, seed)
-    while not flock.finished:
-        record = flock.fly(_CHUNK)
-    op = OrderParameters(*record.order_parameters[-1].tolist())
-    class R: pass
-    r=R(); r.order_parameters=op; r.fitness=fitness_of(op, flock.scenario)
-    return r
+    progress: Progress | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Flight:
+    """Fly a flock.
+
+    Args:
+        params: the policy's 12 parameters.
+        scenario: what is flown; the paper's if absent.
+        dynamics: "rigid_body" (MuJoCo) or "point_mass".
+        seed: a whole number from 0; the same seed gives the same flight.
+        log: an MCAP file to be written, or None.
+        keep_samples: whether the flight keeps its samples; an optimiser needs none.
+        progress: told how far the flight is.
+        stop: asked now and then; the flight ends, with a finished log, when it says True.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown, a state is no longer finite, or the log cannot be written.
+    """
+    began = time.perf_counter()
+    params, scenario = check_point(params), scenario or Scenario()
+    flock = Flock(params, scenario, dynamics, seed)
+    records: list[Record] = []
+    events: list[FlightEvent] = []
+    with contextlib.ExitStack() as resources:
+        logger = None
+        if log is not None:
+            from moflock_mj.flight_log import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
+
+            logger = resources.enter_context(FlightLogger(log, flock, seed))
+        chunk = _LOGGED_CHUNK if logger else _CHUNK[dynamics]
+        before, samples = np.zeros(scenario.drones, np.uint8), 0
+        while not flock.finished and not (records and stop is not None and stop()):
+            record = flock.fly(chunk, whole_states=logger is not None)
+            time_ns = sample_times(scenario, samples, len(record.nearest))
+            found = find_events(record, before, time_ns, flock.touched_with)
+            before, samples = record.status[-1], samples + len(record.nearest)
+            events += found
+            if logger:
+                logger.write(time_ns, record, found)
+            if progress:
+                progress(flock.time, final_fitness(record, scenario))
+            records = [*records, record] if keep_samples else [record]
+        if logger:
+            logger.finish(records[-1])
+    return Flight(
+        params=params,
+        scenario=scenario,
+        dynamics=dynamics,
+        seed=int(seed),
+        flown=flock.time,
+        order_parameters=final_order_parameters(records[-1]),
+        fitness=final_fitness(records[-1], scenario),
+        samples=join_samples(records, scenario) if keep_samples else None,
+        events=tuple(events),
+        body=_body_figures(flock),
+        wall_seconds=time.perf_counter() - began,
+        log=Path(log) if log is not None else None,
+    )
+
+
+def sample_times(scenario: Scenario, first: int, count: int) -> NDArray[np.int64]:
+    """Simulated times of `count` samples from number `first`, ns."""
+    return np.rint(np.arange(first, first + count) * (scenario.sample_period * 1e9)).astype(np.int64)
+
+
+def final_order_parameters(record: Record) -> OrderParameters:
+    """The order parameters up to a record's last sample."""
+    return OrderParameters(*record.order_parameters[-1].tolist())
+
+
+def final_fitness(record: Record, scenario: Scenario) -> Fitness:
+    """The fitness up to a record's last sample."""
+    return fitness_of(final_order_parameters(record), scenario)
+
+
+def join_samples(records: list[Record], scenario: Scenario) -> Samples:
+    """The samples of consecutive records."""
+    joined = {
+        name: np.concatenate([getattr(record, name) for record in records])
+        for name in ("position", "velocity", "desired", "status", "nearest", "order_parameters")
+    }
+    return Samples(
+        t=sample_times(scenario, 0, len(joined["nearest"])) * 1e-9,
+        position=joined["position"],
+        velocity=joined["velocity"],
+        desired_velocity=joined["desired"].swapaxes(1, 2),
+        status=joined["status"],
+        nearest=joined["nearest"],
+        order_parameters=OrderParameters(*joined["order_parameters"].T),
+    )
+
+
+def _body_figures(flock: Flock) -> BodyFigures | None:
+    if flock.body is None:
+        return None
+    extremes = flock.body.plant.extremes
+    drone_steps = extremes.saturated.size * max(int(extremes.steps[0]), 1)
+    return BodyFigures(
+        touched=int(np.sum(extremes.touch_step >= 0)),
+        tilt_max=float(np.arccos(np.clip(extremes.upright.min(), -1, 1))),
+        altitude_error_max=float(extremes.altitude_error.max()),
+        saturated_share=float(extremes.saturated.sum() / drone_steps),
+    )

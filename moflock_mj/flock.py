@@ -5,18 +5,20 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
 from controllers.policy import Sensed, SpeedLimits
 from moflock_mj.arena import SquareArena
 from moflock_mj.clocks import Clocks
-from moflock_mj.errors import FlightError, ScenarioError
+from moflock_mj.errors import FlightError, LogError, ScenarioError
 from moflock_mj.loop import Draws, Memory, Record, Stages, fly_beats
 from moflock_mj.order_parameters import Tally, Yardstick, cluster_range
 from moflock_mj.point_mass import PointMass
 from moflock_mj.randomness import Streams
 from moflock_mj.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.sensing import SensorModel, SensorState
+from moflock_mj.snapshot import generator_facts, pack, set_generator, unpack
 from moflock_mj.start import start_world
 
 
@@ -39,6 +41,7 @@ class Flock:
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise ScenarioError(f"seed: {seed!r} is out of bounds: it must be a whole number of at least 0")
         self.scenario = scenario
+        self.dynamics = dynamics
         self.step = scenario.step_for(dynamics)
         self.streams = Streams.of(int(seed))
         clocks = Clocks.of(scenario, self.step)
@@ -122,7 +125,38 @@ class Flock:
             outer=self.streams.disturbance.standard_normal((beats * clocks.steps_per_beat, 2, drones)),
         )
 
-    def arrays(self) -> dict[str, Any]:
+    @property
+    def touched_with(self) -> NDArray[np.int64] | None:
+        """(N,), what each drone that touched something has touched; None for point masses."""
+        return self.body.plant.extremes.touch_with if self.body else None
+
+    def snapshot(self) -> bytes:
+        """The whole state, from which `restore` goes on bit by bit."""
+        facts = {name: generator_facts(rng) for name, rng in self.streams._asdict().items()}
+        return pack(self._arrays(), {"beat": self.beat, "streams": facts})
+
+    def restore(self, snapshot: bytes) -> None:
+        """Go to a state that a flock of the same scenario and dynamics was in.
+
+        Raises:
+            LogError: not a snapshot of such a flock.
+        """
+        stored, facts = unpack(snapshot)
+        arrays = self._arrays()
+        if {n: (a.dtype, a.shape) for n, a in stored.items()} != {n: (a.dtype, a.shape) for n, a in arrays.items()}:
+            raise LogError("state: of another scenario or other dynamics")
+        beat, streams = facts.get("beat"), facts.get("streams")
+        if not isinstance(beat, int) or not 0 <= beat <= self.stages.clocks.beats or not isinstance(streams, dict):
+            raise LogError("state: not a snapshot of a flight")
+        for name, rng in self.streams._asdict().items():
+            set_generator(rng, streams.get(name))
+        for name, array in arrays.items():
+            array[...] = stored[name]
+        if self.body:
+            self.body.load_mujoco(stored["mujoco"])
+        self.beat = beat
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
         """Every array that changes in flight, by name."""
         memory = self.memory
         rooms = {"world": memory.world, "sensor": memory.sensor_state, "sensed": memory.sensed, "tally": memory.tally}

@@ -1,4 +1,4 @@
-"""The layout that opens a flight in Foxglove or Lichtblick: the flock in 3D, curves of how well it does, and what happened."""
+"""The layout that shows a flight in Foxglove or Lichtblick: the flock in 3D, curves of its figures, and its events."""
 
 from __future__ import annotations
 

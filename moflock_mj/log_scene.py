@@ -1,4 +1,4 @@
-"""What stands still in a viewer: the ground, the arena's walls, labels with units, and a body for each drone's frame to carry."""
+"""What a viewer draws once: the ground, the arena's walls, labels with units, and a body for each drone's frame."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _labels(entity: Any, outline: npt.NDArray[np.float64], altitude: float) -> N
 
 
 def _airframe(entity: Any, radius: float) -> None:
-    """A quadrotor that fits into a circle of the radius: a box, four rotors in an X, and a nose that shows the heading."""
+    """A quadrotor within a circle of the radius: a box, four rotors in an X, and a nose that shows the heading."""
     rotor, arm = 0.35 * radius, 0.65 * radius
     _place(entity.cubes.add(), (0.0, 0.0, 0.0), size=(0.5 * radius, 0.35 * radius, 0.2 * radius), colour=_BODY)
     _place(entity.cubes.add(), (0.3 * radius, 0.0, 0.0), size=(0.2 * radius,) * 3, colour=_NOSE)

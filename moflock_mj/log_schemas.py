@@ -1,8 +1,9 @@
 """What a flight's log consists of: its channels, their schemas, and the bytes of the messages that every tick repeats.
 
-The messages of a tick are protobuf, yet no protobuf object is made for them. Their length never changes within a flight, so each is a
-NumPy record: constant bytes (tags, lengths, names) around fields that are filled for many ticks at once. The writer fills such
-records; a reader takes the drones out of a `foxglove.PointCloud` with `np.frombuffer(cloud.data, POINT)`.
+The messages of a tick are protobuf, yet no protobuf object is made for them. Their length never changes within a
+flight, so each is a NumPy record: constant bytes (tags, lengths, names) around fields that are filled for many ticks at
+once. The writer fills such records; a reader takes the drones out of a `foxglove.PointCloud` with
+`np.frombuffer(cloud.data, POINT)`.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ WORLD_FRAME = "world"
 ORDER_PARAMETER_FIELDS = ("phi_wall", "phi_vel", "phi_corr", "phi_coll", "phi_disc", "phi_cluster")
 FITNESS_FIELDS = ("F_wall", "F_speed", "F_corr", "F_coll", "F_disc", "F_cluster", "F_1", "F_2", "F_product")
 
-# One drone in the point cloud: qpos and qvel in MuJoCo's order (position m and velocity m/s in the world frame, quaternion wxyz from
-# body to world, rates rad/s in the body frame), the commanded velocity in m/s in the world frame, and a colour.
+# One drone in the point cloud: qpos and qvel in MuJoCo's order (position m and velocity m/s in the world frame,
+# quaternion wxyz from body to world, rates rad/s in the body frame), the commanded velocity m/s in the world frame, and
+# a colour.
 POINT = np.dtype(
     [("qpos", "<f4", (7,)), ("qvel", "<f4", (6,)), ("desired_velocity", "<f4", (3,)), ("rgba", "u1", (4,))]
 )
@@ -43,7 +45,7 @@ POINT_FLOATS = (
 )
 # Four fields of a byte each: what Foxglove and Lichtblick call `rgba-fields` and choose by themselves.
 POINT_COLOURS = ("red", "green", "blue", "alpha")
-# (4, 4) u8, a drone's colour by its status: fine, outside the arena, closer than r_coll to another, has touched something.
+# (4, 4) u8, a drone's colour by its status: fine, outside the arena, closer than r_coll to another, has touched.
 STATUS_RGBA = np.array(
     [[66, 165, 245, 255], [255, 202, 40, 255], [255, 112, 32, 255], [229, 28, 52, 255]], dtype=np.uint8
 )
@@ -51,6 +53,9 @@ STATUS_RGBA = np.array(
 _VARINT, _DOUBLE, _BYTES = 0, 1, 2  # protobuf's wire types
 _TAGGED_DOUBLE = np.dtype([("tag", "u1"), ("value", "<f8")])
 _DIGEST_SIZE = 16
+# The five bytes of a padded varint: seven bits each, the lowest first, and a bit that says that more follow.
+_SEPTETS = np.arange(0, 35, 7)
+_MORE_FOLLOW = np.array([0x80, 0x80, 0x80, 0x80, 0])
 
 
 def _own_messages() -> tuple[Any, Any]:
@@ -104,9 +109,8 @@ def state_digest(qpos: npt.NDArray[np.float64], qvel: npt.NDArray[np.float64]) -
         qpos: (N, 7), position m and quaternion wxyz.
         qvel: (N, 6), velocity m/s and body rates rad/s.
     """
-    digest = hashlib.blake2b(np.ascontiguousarray(qpos, "<f8"), digest_size=_DIGEST_SIZE)
-    digest.update(np.ascontiguousarray(qvel, "<f8"))
-    return digest.digest()
+    state = qpos.astype("<f8", copy=False).tobytes() + qvel.astype("<f8", copy=False).tobytes()
+    return hashlib.blake2b(state, digest_size=_DIGEST_SIZE).digest()
 
 
 class WireRecord(NamedTuple):
@@ -139,7 +143,7 @@ def points_record(drones: int) -> WireRecord:
 
 
 def transforms_record(drones: int) -> WireRecord:
-    """`foxglove.FrameTransforms` with the field `drones`, (N,) of `seconds`, `nanos`, `translation` m and `rotation` xyzw."""
+    """`foxglove.FrameTransforms` with the field `drones`: (N,), `seconds`, `nanos`, `translation`, `rotation`."""
     records = [_transform(frame_name(drone, drones)) for drone in range(drones)]
     return WireRecord(
         np.dtype([("drones", records[0].dtype, (drones,))]), b"".join(record.constant for record in records)
@@ -163,9 +167,7 @@ def fill_integer(field: npt.NDArray[np.uint8], value: npt.NDArray[np.int64]) -> 
         field: (..., 5), the field to write.
         value: (...), broadcast against the field.
     """
-    for byte in range(4):
-        field[..., byte] = (value >> (7 * byte)) & 0x7F | 0x80
-    field[..., 4] = value >> 28
+    field[...] = (value[..., None] >> _SEPTETS) & 0x7F | _MORE_FOLLOW
 
 
 def fill_time(rows: npt.NDArray[Any], time_ns: npt.NDArray[np.int64]) -> None:

@@ -57,7 +57,7 @@ class Tally(NamedTuple):
         neighbours: (N,), of the latest sample.
         correlation: (N,), sum over the neighbours of the latest sample.
         heading: (3, N), unit vectors along the velocities of the latest sample.
-        status: (N,), flags of the latest sample; TOUCHED stays once it is set.
+        status: (N,), flags of the latest sample.
         wall_distance: (W, N), m.
         wall_normal: (W, 2, N).
     """
@@ -97,7 +97,7 @@ def _count_walls(world: World, arena: NamedTuple, tally: Tally) -> tuple[float, 
         depth = -inf
         for wall in range(tally.wall_distance.shape[0]):
             depth = max(depth, -tally.wall_distance[wall, i])
-        tally.status[i] &= TOUCHED
+        tally.status[i] = TOUCHED if world.touched[i] else 0
         if depth > 0:
             outside += 1
             distance += depth

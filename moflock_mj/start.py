@@ -25,7 +25,7 @@ def start_world(scenario: Scenario, rng: np.random.Generator) -> World:
         ScenarioError: more drones than the spacing can place.
     """
     drones, half = scenario.drones, scenario.arena_side / 2
-    world = World(position=np.zeros((3, drones)), velocity=np.zeros((3, drones)))
+    world = World.at_rest(drones)
     world.position[2] = scenario.altitude
     if scenario.start == "moflock":
         world.position[:2] = rng.uniform(-half, half, (drones, 2)).T

@@ -14,7 +14,14 @@ class World(NamedTuple):
     Attributes:
         position: (3, N), m, world, z up.
         velocity: (3, N), m/s, world.
+        touched: (N,), 1 for a drone that has touched another one or the ground; point masses never do.
     """
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
+    touched: NDArray[np.uint8]
+
+    @classmethod
+    def at_rest(cls, drones: int) -> World:
+        """All drones at the origin."""
+        return cls(np.zeros((3, drones)), np.zeros((3, drones)), np.zeros(drones, np.uint8))

@@ -1,0 +1,161 @@
+"""Puts a flight of `fly` into a log: what precedes it, its samples, its states, its end."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import platform
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moflock_mj.airframes import flock_spec, load_airframe
+from moflock_mj.events import FlightEvent
+from moflock_mj.fitness import Fitness, fitness_of
+from moflock_mj.flock import Flock
+from moflock_mj.log_layout import viewer_layout
+from moflock_mj.log_writer import Attachment, FlightLog, LogHeader, SampleBlock
+from moflock_mj.loop import Record
+from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
+from moflock_mj.points import dump_point
+
+_STATE_PERIOD = 10.0
+"""Simulated seconds between two whole states."""
+
+_SEVERITY = np.array(
+    [3 if flags & TOUCHED else 2 if flags & CLOSE else 1 if flags & OUTSIDE else 0 for flags in range(8)], np.uint8
+)
+"""The log's status of each combination of flags: the worst of them."""
+
+
+class FlightLogger:
+    """A log that follows a flock; a context manager.
+
+    A flight that ends early, by Ctrl-C or because a state is no longer finite, leaves a finished log with its last
+    seconds in it; only a log that cannot be written is removed.
+
+    Raises:
+        LogError: the log cannot be written.
+    """
+
+    def __init__(self, path: str | Path, flock: Flock, seed: int) -> None:
+        self._flock = flock
+        airframe = load_airframe(flock.scenario.airframe)
+        self._log = FlightLog(
+            path,
+            LogHeader(
+                metadata=run_metadata(flock, seed),
+                attachments=_attachments(flock),
+                outline=flock.stages.arena.outline(),
+                altitude=flock.scenario.altitude,
+                drones=flock.scenario.drones,
+                radius=airframe.radius,
+            ),
+        )
+        self._next_state = 0.0
+        self._store_state()
+
+    def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
+        """Log some samples, the events in them, and the whole state when it is due."""
+        fitness = fitness_of(OrderParameters(*record.order_parameters.T), self._flock.scenario)
+        for event in events:
+            self._log.event(event)
+        self._log.write(
+            SampleBlock(
+                time_ns=time_ns,
+                qpos=record.qpos,
+                qvel=record.qvel,
+                desired_velocity=record.desired.swapaxes(1, 2),
+                status=_SEVERITY[record.status],
+                order_parameters=record.order_parameters,
+                fitness=np.stack(fitness, axis=1),
+            )
+        )
+        self._store_state()
+
+    def finish(self, record: Record) -> None:
+        """End the log with the figures of the last record."""
+        phi = OrderParameters(*record.order_parameters[-1].tolist())
+        fitness: Fitness = fitness_of(phi, self._flock.scenario)
+        self._log.finish(
+            {
+                "flown": repr(self._flock.time),
+                "order_parameters": json.dumps(phi._asdict()),
+                "fitness": json.dumps(fitness._asdict()),
+            }
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            message = str(error) or "the flight was interrupted"
+            self._log.event(FlightEvent(round(self._flock.time * 1e9), "error", message))
+            self._log.finish({"flown": repr(self._flock.time), "error": message})
+
+    def _store_state(self) -> None:
+        if self._flock.time >= self._next_state - 1e-9:
+            self._log.state(round(self._flock.time * 1e9), self._flock.snapshot())
+            self._next_state += _STATE_PERIOD
+
+
+def run_metadata(flock: Flock, seed: int) -> dict[str, str]:
+    """All that is needed to fly this flight again, and when and on what it was flown."""
+    return {
+        "scenario": flock.scenario.to_toml(),
+        "parameters": json.dumps(flock.stages.params._asdict()),
+        "dynamics": flock.dynamics,
+        "seed": str(seed),
+        "step": repr(flock.step),
+        "moflock_version": version("moflock-mj"),
+        "commit": _commit(),
+        "mujoco_version": version("mujoco"),
+        "numpy_version": version("numpy"),
+        "numba_version": version("numba"),
+        "python_version": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "cpu": _cpu(),
+        "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _attachments(flock: Flock) -> tuple[Attachment, ...]:
+    scenario = flock.scenario
+    model = flock_spec(scenario.airframe, scenario.drones, flock.step, visuals=True)
+    model.compile()
+    return (
+        Attachment("flock.xml", "application/xml", model.to_xml().encode()),
+        Attachment("scenario.toml", "application/toml", scenario.to_toml().encode()),
+        Attachment("parameters.json", "application/json", dump_point(flock.stages.params).encode()),
+        Attachment("layout.json", "application/json", viewer_layout(scenario.arena_side)),
+    )
+
+
+def _commit() -> str:
+    """The commit of the source, or nothing for an installed package."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / ".git").exists():
+        return ""
+    try:
+        command = ["git", "-C", str(root), "rev-parse", "HEAD"]
+        return subprocess.run(command, capture_output=True, text=True, timeout=5, check=False).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+
+
+def _cpu() -> str:
+    """The processor's name: compiled code may round differently on another one."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()

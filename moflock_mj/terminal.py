@@ -1,0 +1,157 @@
+"""What a flight looks like in a terminal: progress, tables, JSON, Ctrl-C."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import json
+import math
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from moflock_mj.fitness import Fitness
+from moflock_mj.flight import Flight
+from moflock_mj.flight import Progress as Told
+from moflock_mj.points import point_names
+
+INTERRUPTED = 130
+"""Exit status of a command that Ctrl-C ended, as a shell gives it."""
+
+_UNITS = {"wall": "m", "vel": "m/s", "corr": "", "coll": "of pairs", "disc": "drones", "cluster": "neighbours"}
+_FITNESS_OF = {"vel": "speed"}
+
+
+def log_path(asked: str | None, point: str, dynamics: str, seed: int) -> Path | None:
+    """Where a flight's log goes: where the user says, nowhere for "none", else a new file of logs/."""
+    if asked == "none":
+        return None
+    if asked is not None:
+        return Path(asked if asked.endswith(".mcap") else f"{asked}.mcap")
+    now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    name = point if point in point_names() else Path(point).stem
+    return Path("logs") / f"{now}-{name}-{dynamics}-seed{seed}.mcap"
+
+
+class _Rate(ProgressColumn):
+    """Simulated time over wall time."""
+
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.completed / task.elapsed:.0f}x real time" if task.elapsed else "")
+
+
+@contextlib.contextmanager
+def flight_progress(duration: float) -> Iterator[Told]:
+    """A progress bar on stderr, if that is a terminal: simulated time, speed over real time, running fitness."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
+        _Rate(),
+        TextColumn("{task.fields[fitness]}"),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("preparing", total=duration, fitness="")
+
+        def told(flown: float, fitness: Fitness) -> None:
+            if not bar.tasks[0].completed:
+                bar.reset(task, description="flying")
+            bar.update(task, completed=flown, fitness=f"F_1 {fitness.F_1:.3f}  F_2 {fitness.F_2:.3f}")
+
+        yield told
+
+
+@contextlib.contextmanager
+def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C (or SIGTERM) into a wish to stop; a second one breaks off at once."""
+    wish = threading.Event()
+
+    def note(signal_number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        if wish.is_set():
+            raise KeyboardInterrupt
+        wish.set()
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield wish.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def print_flight(flight: Flight, *, as_json: bool) -> None:
+    """Print a flight's figures to stdout."""
+    if as_json:
+        print(json.dumps(flight_summary(flight), indent=1))
+        return
+    console = Console()
+    console.print(_head_line(flight), highlight=False)
+    console.print(_figures(flight))
+    for line in _closing_lines(flight):
+        console.print(line, highlight=False, soft_wrap=True)
+
+
+def flight_summary(flight: Flight) -> dict[str, Any]:
+    """A flight's figures as JSON values."""
+    return {
+        "dynamics": flight.dynamics,
+        "seed": flight.seed,
+        "drones": flight.scenario.drones,
+        "duration": flight.scenario.duration,
+        "flown": flight.flown,
+        "complete": flight.complete,
+        "order_parameters": flight.order_parameters._asdict(),
+        "fitness": flight.fitness._asdict(),
+        "body": flight.body._asdict() if flight.body else None,
+        "events": len(flight.events),
+        "wall_seconds": flight.wall_seconds,
+        "log": str(flight.log) if flight.log else None,
+    }
+
+
+def _head_line(flight: Flight) -> str:
+    scenario = flight.scenario
+    what = f"{scenario.airframe} rigid bodies" if flight.body else "point masses"
+    rate = flight.flown / flight.wall_seconds
+    return (
+        f"{scenario.drones} {what}, {flight.flown:g} s in {flight.wall_seconds:.1f} s ({rate:.0f}x real time), "
+        f"seed {flight.seed}"
+    )
+
+
+def _figures(flight: Flight) -> Table:
+    table = Table("order parameter", "value", "", "fitness", "value")
+    for column in (1, 4):
+        table.columns[column].justify = "right"
+    for name, value in flight.order_parameters._asdict().items():
+        fitness = _FITNESS_OF.get(name, name)
+        table.add_row(f"phi_{name}", f"{value:.5g}", _UNITS[name], f"F_{fitness}", f"{getattr(flight.fitness, fitness):.3f}")
+    table.add_section()
+    for name in ("F_1", "F_2", "product"):
+        table.add_row("", "", "", name, f"{getattr(flight.fitness, name):.3f}")
+    return table
+
+
+def _closing_lines(flight: Flight) -> list[str]:
+    lines = []
+    if flight.body:
+        body = flight.body
+        lines.append(
+            f"touched: {body.touched} of {flight.scenario.drones} drones; largest tilt "
+            f"{math.degrees(body.tilt_max):.1f} deg; largest altitude error {body.altitude_error_max:.2f} m; "
+            f"a rotor at its limit {100 * body.saturated_share:.2g} % of the time"
+        )
+    if flight.log:
+        lines.append(f"log: {flight.log}")
+    if not flight.complete:
+        lines.append(f"interrupted at {flight.flown:g} s of {flight.scenario.duration:g} s; the log is finished")
+    return lines
