@@ -52,7 +52,7 @@ class Margins:
     Attributes:
         loop: its name.
         crossover: rad/s, where its gain is 1.
-        gain_margin: dB.
+        gain_margin: dB by which the gain may rise or, where a loop with several integrators needs it, fall.
         phase_margin: degrees.
         delay_margin: s, delay that uses up the phase margin.
     """
@@ -182,19 +182,22 @@ class _Loops:
 
     def _place(self, loop: str, plant: Any, bandwidth: float) -> tuple[float, Any]:
         """The gain that makes gain times plant cross 0 dB at the bandwidth, and the loop closed with it."""
-        gain = 1 / abs(plant(1j * bandwidth))
+        gain = 1 / abs(complex(plant(1j * bandwidth)))
         self.report(loop, gain * plant)
         return gain, self._control.feedback(gain * plant, 1)
 
     def report(self, loop: str, open_loop: Any) -> None:
-        gain_margin, phase_margin, _, crossover = self._control.margin(open_loop)
+        """Keep the margins of a loop; one that is unstable when closed has none."""
+        gain_margin, phase_margin, _, crossover = map(float, self._control.margin(open_loop))
+        if self._control.feedback(open_loop, 1).poles().real.max() >= 0:
+            gain_margin, phase_margin = 1.0, 0.0
         self.margins.append(
             Margins(
                 loop=loop,
-                crossover=float(crossover),
-                gain_margin=20 * math.log10(gain_margin),
-                phase_margin=float(phase_margin),
-                delay_margin=math.radians(phase_margin) / float(crossover),
+                crossover=crossover,
+                gain_margin=abs(20 * math.log10(gain_margin)),
+                phase_margin=phase_margin,
+                delay_margin=math.radians(phase_margin) / crossover,
             )
         )
 

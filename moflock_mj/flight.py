@@ -146,6 +146,8 @@ def fly(
             logger = resources.enter_context(FlightLogger(log, flock, seed))
         chunk = _LOGGED_CHUNK if logger else _CHUNK[dynamics]
         before, samples = np.zeros(scenario.drones, np.uint8), 0
+        if logger:
+            logger.store_state()
         while not flock.finished and not (records and stop is not None and stop()):
             record = flock.fly(chunk, whole_states=logger is not None)
             time_ns = sample_times(scenario, samples, len(record.nearest))
@@ -154,6 +156,7 @@ def fly(
             events += found
             if logger:
                 logger.write(time_ns, record, found)
+                logger.store_state()
             if progress:
                 progress(flock.time, final_fitness(record, scenario))
             records = [*records, record] if keep_samples else [record]

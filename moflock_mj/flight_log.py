@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moflock_mj.airframes import flock_spec, load_airframe
+from moflock_mj.errors import LogError
 from moflock_mj.events import FlightEvent
 from moflock_mj.fitness import Fitness, fitness_of
 from moflock_mj.flock import Flock
@@ -58,10 +59,10 @@ class FlightLogger:
             ),
         )
         self._next_state = 0.0
-        self._store_state()
+        self._finished = False
 
     def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
-        """Log some samples, the events in them, and the whole state when it is due."""
+        """Log some samples and the events in them."""
         fitness = fitness_of(OrderParameters(*record.order_parameters.T), self._flock.scenario)
         for event in events:
             self._log.event(event)
@@ -76,12 +77,12 @@ class FlightLogger:
                 fitness=np.stack(fitness, axis=1),
             )
         )
-        self._store_state()
 
     def finish(self, record: Record) -> None:
         """End the log with the figures of the last record."""
         phi = OrderParameters(*record.order_parameters[-1].tolist())
         fitness: Fitness = fitness_of(phi, self._flock.scenario)
+        self._finished = True
         self._log.finish(
             {
                 "flown": repr(self._flock.time),
@@ -96,12 +97,15 @@ class FlightLogger:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is not None:
-            message = str(error) or "the flight was interrupted"
-            self._log.event(FlightEvent(round(self._flock.time * 1e9), "error", message))
-            self._log.finish({"flown": repr(self._flock.time), "error": message})
+        if error is None or self._finished or isinstance(error, LogError):
+            self._log.abort()
+            return
+        message = str(error) or "the flight was interrupted"
+        self._log.event(FlightEvent(round(self._flock.time * 1e9), "error", message))
+        self._log.finish({"flown": repr(self._flock.time), "error": message})
 
-    def _store_state(self) -> None:
+    def store_state(self) -> None:
+        """Log the whole state if that is due; to be called before the first samples and after all others."""
         if self._flock.time >= self._next_state - 1e-9:
             self._log.state(round(self._flock.time * 1e9), self._flock.snapshot())
             self._next_state += _STATE_PERIOD

@@ -137,7 +137,7 @@ def _push(plant: RigidBody, i: int, noise_x: float, noise_y: float) -> None:
         force[1] -= drag * vy
         force[2] -= drag * vz
     for rotor in range(thrust.size):
-        thrust[rotor] += gains.rotor_follow * (plant.thrust_command[i, rotor] - thrust[rotor])
+        thrust[rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[rotor])
 
 
 @kernel
@@ -241,7 +241,7 @@ class RigidBodyFlock:
                 airframe, step=step, tau=scenario.tau, a_max=scenario.a_max, tilt_max=scenario.tilt_max
             )
         except TuningError as problem:
-            raise AirframeError(f"airframe {airframe.name}: {problem}") from None
+            raise AirframeError(str(problem)) from None
         drones = scenario.drones
         self.model = flock_model(scenario.airframe, drones, step)
         self.model_apart = copy.copy(self.model)

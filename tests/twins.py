@@ -1,0 +1,143 @@
+"""Slow twins in plain Python of what is compiled: written from the model's formulas, one drone and one pair at a time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.flocking import FlockingParams
+from moflock_mj.randomness import Streams
+from moflock_mj.scenario import Scenario
+from moflock_mj.start import start_world
+
+
+def braking_curve(x, a, p):
+    if x * p <= 0:
+        return 0.0
+    if x < a / p / p:
+        return x * p
+    return math.sqrt(2 * a * x - (a / p) ** 2)
+
+
+def braking_distance(v, a, p):
+    return v / p if v < a / p else (v**2 / a + a / p**2) / 2
+
+
+def desired_velocity(params: FlockingParams, scenario: Scenario, own, own_velocity, neighbours):
+    """Of one drone; neighbours: pairs of heard position and velocity."""
+    p = params
+    total = np.zeros(2)
+    speed = np.linalg.norm(own_velocity)
+    if speed > 0:
+        total += scenario.v_flock * own_velocity / speed
+    for position, velocity in neighbours:
+        r, v = position - own, velocity - own_velocity
+        distance, difference = np.linalg.norm(r), np.linalg.norm(v)
+        if 0 < distance < p.r0_rep:
+            total -= min(p.p_rep * (p.r0_rep - distance), scenario.v_rep_max) * r / distance
+        m = max(p.v_frict, braking_curve(distance - p.r0_frict - p.r0_rep, p.a_frict, p.p_frict))
+        if difference > m:
+            total += p.c_frict * (difference - m) * v / difference
+    for axis in range(2):
+        shill = np.zeros(2)
+        shill[axis] = -p.v_shill * np.sign(own[axis])
+        e = shill - own_velocity
+        m = braking_curve(scenario.arena_side / 2 - abs(own[axis]) - p.r0_shill, p.a_shill, p.p_shill)
+        if np.linalg.norm(e) > m:
+            total += p.c_shill * (np.linalg.norm(e) - m) * e / np.linalg.norm(e)
+    length = np.linalg.norm(total)
+    return total * min(1.0, scenario.v_max / length) if length > 0 else total
+
+
+@dataclass
+class GpsErrors:
+    """Of N drones: g position error, h velocity error, each (N, 2)."""
+
+    g: np.ndarray
+    h: np.ndarray
+
+    def drift(self, scenario: Scenario, xi):
+        lam, t = scenario.lambda_gps, scenario.t_gps
+        strength = math.sqrt(2 * lam * scenario.sigma_inner)
+        self.h = self.h + strength * t * xi / math.sqrt(t) - lam * t * self.h - strength / 3 * t * self.g
+        self.g = self.g + t * self.h
+
+
+@dataclass
+class SlowFlight:
+    """A point-mass flight, step by step; draws the same random numbers as the compiled one."""
+
+    params: FlockingParams
+    scenario: Scenario
+    seed: int
+    samples: list = field(default_factory=list)
+
+    def fly(self):
+        scenario, n = self.scenario, self.scenario.drones
+        step = scenario.step_for("point_mass")
+        streams = Streams.of(self.seed)
+        world = start_world(scenario, streams.start)
+        x, v = world.position[:2].T.copy(), world.velocity[:2].T.copy()
+        states = [(x.copy(), v.copy())]
+        own, sent = (GpsErrors(np.zeros((n, 2)), np.zeros((n, 2))) for _ in range(2))
+        desired = np.zeros((n, 2))
+        late, tick = round(scenario.t_del / step), round(scenario.t_gps / step)
+        steps = round(scenario.duration / step)
+        for k in range(steps):
+            if k % tick == 0:
+                xi = streams.sensing.standard_normal((2, 2, n))
+                own.drift(scenario, xi[0].T)
+                sent.drift(scenario, xi[1].T)
+                past_x, past_v = states[max(k - late, 0)]
+                desired = np.array(
+                    [self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)]
+                )
+            xi = streams.disturbance.standard_normal((2, n)).T
+            wanted = (desired - v - own.h) / scenario.tau
+            size = np.linalg.norm(wanted, axis=1, keepdims=True)
+            clipped = wanted * np.minimum(1, scenario.a_max / np.maximum(size, 1e-300))
+            x = x + step * v
+            v = v + step * clipped + math.sqrt(2 * scenario.sigma_outer * step) * xi
+            states.append((x.copy(), v.copy()))
+        every = round(scenario.sample_period / step)
+        self.samples = states[::every]
+        return self
+
+    def _decide(self, i, x, v, own, heard_x, heard_v):
+        hears = [
+            (heard_x[j], heard_v[j])
+            for j in range(len(x))
+            if j != i and np.linalg.norm(x[j] - x[i]) < self.scenario.r_comm
+        ]
+        return desired_velocity(self.params, self.scenario, x[i] + own.g[i], v[i] + own.h[i], hears)
+
+
+def order_parameters(positions, velocities, params: FlockingParams, scenario: Scenario):
+    """wall, vel, corr, coll, disc, cluster of samples: positions and velocities (T, N, 2 or 3)."""
+    r_cluster = params.r0_rep + params.r0_frict
+    r_cluster += braking_distance(scenario.v_flock, params.a_frict, params.p_frict)
+    n = positions.shape[1]
+    wall, vel, corr, coll, disc, cluster = [], [], [], [], [], []
+    for x, v in zip(positions, velocities, strict=True):
+        beyond = np.max(np.abs(x[:, :2]), axis=1) - scenario.arena_side / 2
+        wall += [b for b in beyond if b > 0]
+        vel.append(np.mean(np.linalg.norm(v, axis=1)))
+        counts, correlations, close = [], [], 0
+        for i in range(n):
+            cosines = []
+            for j in range(n):
+                distance = np.linalg.norm(x[j] - x[i])
+                if j != i and distance < scenario.r_coll:
+                    close += 1
+                if j != i and distance < r_cluster:
+                    speeds = np.linalg.norm(v[i]) * np.linalg.norm(v[j])
+                    cosines.append(v[i] @ v[j] / speeds if speeds > 0 else 0.0)
+            counts.append(len(cosines))
+            correlations.append(np.mean(cosines) if cosines else 0.0)
+        corr.append(np.mean(correlations))
+        coll.append(close / (n * (n - 1)) if n > 1 else 0.0)
+        disc.append(counts.count(0))
+        cluster.append(min(counts))
+    return [float(np.mean(values)) if values else 0.0 for values in (wall, vel, corr, coll, disc, cluster)]
