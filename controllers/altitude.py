@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from controllers.compiling import kernel
+from controllers.compiling import hot_kernel
 
 
-@kernel
+@hot_kernel
 def altitude_acceleration(
     altitude: float,
     height: float,
@@ -30,12 +30,12 @@ def altitude_acceleration(
     return min(max(velocity_gain * (climb - climb_rate), -acceleration_max), acceleration_max)
 
 
-@kernel
+@hot_kernel
 def collective_thrust(lift: float, upright: float, upright_min: float) -> float:
     """Sum of the rotors' thrusts that lifts a tilted body, in N.
 
-    `lift / upright` holds the height at any tilt that the velocity loop asks for. Beyond that tilt it would push the body
-    sideways more than lift it, and is blended out: continuously, to zero on the side.
+    `lift / upright` holds the height at any tilt that the velocity loop asks for. Beyond that tilt it would push the
+    body sideways more than lift it, and is blended out: continuously, to zero on the side.
 
     Args:
         lift: N, wanted vertical force.

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 
-from controllers.compiling import kernel
+from controllers.compiling import hot_kernel
+from controllers.velocity import clip_length
 
 
-@kernel
+@hot_kernel
 def body_axes(
     qw: float, qx: float, qy: float, qz: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
@@ -21,7 +22,7 @@ def body_axes(
     return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
 
 
-@kernel
+@hot_kernel
 def tilt_rates(nx: float, ny: float, nz: float, gain: float, rate_max: float) -> tuple[float, float]:
     """Roll and pitch rates that turn the thrust towards the direction n by the shortest way, in rad/s.
 
@@ -29,23 +30,19 @@ def tilt_rates(nx: float, ny: float, nz: float, gain: float, rate_max: float) ->
     Control, 2018). The error is 2 sin(angle / 2): the angle itself when it is small, and still growing upside down.
 
     Args:
-        nx: wanted direction of thrust, a unit vector in the body frame.
+        nx: wanted direction of thrust, a vector of any length in the body frame.
         ny: as nx.
         nz: as nx.
         gain: 1/s.
         rate_max: rad/s, bound of the rates' common length.
     """
-    # 1e-9: exactly upside down every way is the shortest, and none is taken.
-    error = gain * math.sqrt(2.0 / max(1.0 + nz, 1e-9))
-    roll_rate, pitch_rate = -ny * error, nx * error
-    squared = roll_rate * roll_rate + pitch_rate * pitch_rate
-    if squared <= rate_max * rate_max:
-        return roll_rate, pitch_rate
-    scale = rate_max / math.sqrt(squared)
-    return roll_rate * scale, pitch_rate * scale
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    # Exactly upside down every way is the shortest, and none is taken.
+    error = gain * math.sqrt(2.0 / max(length * (length + nz), 1e-12))
+    return clip_length(-ny * error, nx * error, rate_max)
 
 
-@kernel
+@hot_kernel
 def heading_rate(north_x: float, north_y: float, gain: float) -> float:
     """Yaw rate that turns the body's x axis back to the world's, in rad/s.
 
@@ -60,7 +57,7 @@ def heading_rate(north_x: float, north_y: float, gain: float) -> float:
     return math.copysign(gain, north_y)
 
 
-@kernel
+@hot_kernel
 def rate_torque(
     roll_rate: float,
     pitch_rate: float,
@@ -77,7 +74,8 @@ def rate_torque(
 ) -> tuple[float, float, float]:
     """Torque that brings the body rates w to the wanted ones, in N m.
 
-    gain (wanted - w) + w x I w: the second term cancels the gyroscopic coupling in Euler's equation I w' = torque - w x I w.
+    gain (wanted - w) + w x I w: the second term cancels the gyroscopic coupling in Euler's equation,
+    I w' = torque - w x I w.
 
     Args:
         roll_rate: rad/s, wanted.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from controllers.altitude import altitude_acceleration, collective_thrust
 from controllers.attitude import body_axes, heading_rate, rate_torque, tilt_rates
-from controllers.compiling import kernel
+from controllers.compiling import hot_kernel
 from controllers.mixer import mix, wrench
 from controllers.velocity import clip_length, observe_axis, velocity_acceleration
 
@@ -30,7 +29,7 @@ class Gains(NamedTuple):
         gravity: m/s^2.
         thrust_max: N, of one rotor.
         rotor_blend: share of the way to its command that a rotor's thrust goes in one step, 1 - exp(-step / lag).
-        tau: s, time constant of the velocity's response.
+        velocity_gain: 1/s, from velocity to acceleration, one over the time constant of the response.
         a_max: m/s^2, bound of the horizontal acceleration that the velocity loop commands.
         tilt_tangent: bound of the commanded tilt, as its tangent.
         tilt_cosine: the same as its cosine.
@@ -57,7 +56,7 @@ class Gains(NamedTuple):
     gravity: float
     thrust_max: float
     rotor_blend: float
-    tau: float
+    velocity_gain: float
     a_max: float
     tilt_tangent: float
     tilt_cosine: float
@@ -78,7 +77,7 @@ class Gains(NamedTuple):
     mixer: NDArray[np.float64]
 
 
-@kernel
+@hot_kernel
 def rotor_wrench(gains: Gains, thrust: NDArray[np.float64]) -> tuple[float, float, float, float]:
     """What the rotors do to the body: total thrust (N, along z) and torques (N m) about x, y and z, in the body frame.
 
@@ -89,7 +88,7 @@ def rotor_wrench(gains: Gains, thrust: NDArray[np.float64]) -> tuple[float, floa
     return wrench(gains.wrench_matrix, thrust)
 
 
-@kernel
+@hot_kernel
 def track_velocity(
     gains: Gains,
     desired_vx: float,
@@ -120,7 +119,7 @@ def track_velocity(
     """
     xx, xy, xz, yx, yy, yz, zx, zy, zz = body_axes(qpos[3], qpos[4], qpos[5], qpos[6])
 
-    ax, ay = velocity_acceleration(desired_vx, desired_vy, measured_vx, measured_vy, gains.tau, gains.a_max)
+    ax, ay = velocity_acceleration(desired_vx, desired_vy, measured_vx, measured_vy, gains.velocity_gain, gains.a_max)
     az = altitude_acceleration(
         altitude,
         qpos[2],
@@ -135,11 +134,13 @@ def track_velocity(
     push_x, push_y = clip_length(ax - observer[3], ay - observer[4], gains.tilt_tangent * lift)
     _observe(gains, measured_vx, measured_vy, qvel[2], xz, yz, zz, thrust, observer)
 
-    length = math.sqrt(push_x * push_x + push_y * push_y + lift * lift)
-    nx = (xx * push_x + yx * push_y + zx * lift) / length
-    ny = (xy * push_x + yy * push_y + zy * lift) / length
-    nz = (xz * push_x + yz * push_y + zz * lift) / length
-    roll_rate, pitch_rate = tilt_rates(nx, ny, nz, gains.tilt_gain, gains.body_rate_max)
+    roll_rate, pitch_rate = tilt_rates(
+        xx * push_x + yx * push_y + zx * lift,
+        xy * push_x + yy * push_y + zy * lift,
+        xz * push_x + yz * push_y + zz * lift,
+        gains.tilt_gain,
+        gains.body_rate_max,
+    )
     torque_x, torque_y, torque_z = rate_torque(
         roll_rate,
         pitch_rate,
@@ -158,7 +159,7 @@ def track_velocity(
     mix(gains.mixer, gains.thrust_max, total, torque_x, torque_y, torque_z, thrust_command)
 
 
-@kernel
+@hot_kernel
 def _observe(
     gains: Gains,
     measured_vx: float,

@@ -1,4 +1,4 @@
-"""How the project compiles its kernels: one decorator, one way to choose a stage by type, one cache that is never stale.
+"""How the project compiles its kernels: one decorator, one way to choose a stage by type, a cache never stale.
 
 Numba's own disk cache looks at the file of the compiled function alone, and would go on using a flight loop whose
 policy has been edited in another file. The locators below mix every source file of the project into the stamp.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import caching
@@ -38,11 +38,11 @@ class _ProjectSources:
         return super().from_function(py_func, py_file)  # type: ignore[misc]
 
 
-class _BesideTheSource(_ProjectSources, caching.InTreeCacheLocator):
+class _BesideTheSource(_ProjectSources, caching.InTreeCacheLocator):  # type: ignore[misc]
     pass
 
 
-class _InTheUsersCache(_ProjectSources, caching.UserWideCacheLocator):
+class _InTheUsersCache(_ProjectSources, caching.UserWideCacheLocator):  # type: ignore[misc]
     pass
 
 
@@ -54,11 +54,26 @@ if not numba.config.CACHE_DIR:
         *caching.CompileResultCacheImpl._locator_classes,
     ]
 
-kernel = functools.partial(numba.njit, nogil=True, error_model="numpy")
-"""Decorator of every compiled function: no interpreter lock, IEEE division."""
+Function = TypeVar("Function", bound=Callable[..., Any])
 
-entry_kernel = functools.partial(kernel, cache=True)
-"""Decorator of the few compiled functions that Python calls: as `kernel`, and kept on disk."""
+
+def kernel(function: Function) -> Function:
+    """Decorator of a compiled function: no interpreter lock, IEEE division."""
+    return cast("Function", numba.njit(nogil=True, error_model="numpy")(function))
+
+
+def hot_kernel(function: Function) -> Function:
+    """Decorator of what runs for each drone at each step: as `kernel`, and always inlined.
+
+    Numba counts references to every row of an array that crosses a call, which costs more than a controller does; inlined,
+    it sees that it need not. Compiling takes longer, so that the rest of the project does without.
+    """
+    return cast("Function", numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+def entry_kernel(function: Function) -> Function:
+    """Decorator of the few compiled functions that Python calls: as `kernel`, and kept on disk."""
+    return cast("Function", numba.njit(nogil=True, error_model="numpy", cache=True)(function))
 
 
 def stage(signature: Callable[..., None]) -> Callable[..., None]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS, Airframe
-from controllers.compiling import kernel
+from controllers.compiling import hot_kernel
 
 
 def wrench_matrix(airframe: Airframe) -> NDArray[np.float64]:
@@ -19,7 +19,7 @@ def wrench_matrix(airframe: Airframe) -> NDArray[np.float64]:
     return np.vstack([np.ones(ROTORS), y, -x, np.array(airframe.yaw_ratio)])
 
 
-@kernel
+@hot_kernel
 def wrench(matrix: NDArray[np.float64], thrust: NDArray[np.float64]) -> tuple[float, float, float, float]:
     """What the rotors do to the body: total thrust (N, along z) and torques (N m) about x, y and z, in the body frame.
 
@@ -37,7 +37,7 @@ def wrench(matrix: NDArray[np.float64], thrust: NDArray[np.float64]) -> tuple[fl
     return total, torque_x, torque_y, torque_z
 
 
-@kernel
+@hot_kernel
 def mix(
     mixer: NDArray[np.float64],
     thrust_max: float,
@@ -62,6 +62,25 @@ def mix(
         torque_z: N m.
         thrust_command: (4,), N, written.
     """
+    lowest, highest = thrust_max, 0.0
+    for rotor in range(ROTORS):
+        f = total / ROTORS + (mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y + mixer[rotor, 3] * torque_z)
+        thrust_command[rotor] = f
+        lowest, highest = min(lowest, f), max(highest, f)
+    if lowest < 0.0 or highest > thrust_max:
+        _mix_saturated(mixer, thrust_max, total, torque_x, torque_y, torque_z, thrust_command)
+
+
+@hot_kernel
+def _mix_saturated(
+    mixer: NDArray[np.float64],
+    thrust_max: float,
+    total: float,
+    torque_x: float,
+    torque_y: float,
+    torque_z: float,
+    thrust_command: NDArray[np.float64],
+) -> None:
     lowest, highest = np.inf, -np.inf
     for rotor in range(ROTORS):
         f = mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y

@@ -32,8 +32,8 @@ class TuningError(ValueError):
 class Bandwidths:
     """Where each loop crosses 0 dB, in rad/s, from the innermost out.
 
-    A loop is two to three times slower than the one inside it. The observer is far slower than the velocity loop, so that
-    noise moves a rigid body as it moves a point mass, and only what lasts is countered.
+    A loop is two to three times slower than the one inside it. The observer is far slower than the velocity loop, so
+    that noise moves a rigid body as it moves a point mass, and only what lasts is countered.
     """
 
     roll_pitch_rate: float = 22.0
@@ -80,7 +80,7 @@ def design_gains(
     a_max: float = 6.0,
     tilt_max: float = math.radians(45),
     g: float = 9.81,
-    bandwidths: Bandwidths = Bandwidths(),  # noqa: B008 - frozen
+    bandwidths: Bandwidths = Bandwidths(),
 ) -> LoopDesign:
     """Design the controller of an airframe.
 
@@ -127,7 +127,7 @@ def design_gains(
         gravity=g,
         thrust_max=airframe.thrust_max,
         rotor_blend=-math.expm1(-step / airframe.rotor_lag),
-        tau=tau,
+        velocity_gain=1 / tau,
         a_max=a_max,
         tilt_tangent=math.tan(tilt_max),
         tilt_cosine=math.cos(tilt_max),
@@ -161,8 +161,8 @@ class _Loops:
         self.s = control.tf("s")
         self.margins: list[Margins] = []
 
-        # A command computed from the state at one step sets the rotors' thrust by the next, and that thrust moves the body
-        # until the one after: half a step each, on average.
+        # A command computed from the state at one step sets the rotors' thrust by the next, and that thrust moves the
+        # body until the one after: half a step each, on average.
         self.half_step = control.tf(*control.pade(step / 2, 1))
         self.actuation = control.tf(*control.pade(step, 2)) / (airframe.rotor_lag * self.s + 1)
 
@@ -215,12 +215,14 @@ def _check_strength(airframe: Airframe, a_max: float, g: float) -> None:
     available = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
     if available <= g:
         ratio = airframe.thrust_to_weight(g)
-        raise TuningError(f"airframe {airframe.name}: thrust to weight of {ratio:.3g} must be above {1 / THRUST_SHARE:.3g}")
+        raise TuningError(
+            f"airframe {airframe.name}: thrust to weight of {ratio:.3g} must be above {1 / THRUST_SHARE:.3g}"
+        )
     reachable = math.sqrt(available**2 - g**2)
     if a_max > reachable:
         raise TuningError(
-            f"a_max: {a_max:g} m/s^2 is too much for the airframe {airframe.name}, must be at most {reachable:.3g} m/s^2"
-            f" ({THRUST_SHARE:.0%} of its thrust)"
+            f"a_max: {a_max:g} m/s^2 is too much for the airframe {airframe.name}, must be at most {reachable:.3g} "
+            f"m/s^2 ({THRUST_SHARE:.0%} of its thrust)"
         )
 
 
@@ -228,11 +230,14 @@ def _steering(airframe: Airframe) -> tuple[Any, Any]:
     """The airframe's wrench matrix and its inverse."""
     matrix = wrench_matrix(airframe)
     if np.linalg.matrix_rank(matrix) < ROTORS:
-        raise TuningError(f"airframe {airframe.name}: rotor_positions and yaw_ratio do not steer all of roll, pitch and yaw")
+        raise TuningError(
+            f"airframe {airframe.name}: rotor_positions and yaw_ratio do not steer all of roll, pitch and yaw"
+        )
     off_centre = np.abs(matrix[1:].sum(axis=1)).max()
     if off_centre > 1e-9:
         raise TuningError(
-            f"airframe {airframe.name}: equal thrusts turn it by {off_centre:g} N m per N, must be 0 (rotor_positions, yaw_ratio)"
+            f"airframe {airframe.name}: equal thrusts turn it by {off_centre:g} N m per N, must be 0 "
+            "(rotor_positions, yaw_ratio)"
         )
     return matrix, np.ascontiguousarray(np.linalg.inv(matrix))
 
@@ -240,9 +245,9 @@ def _steering(airframe: Airframe) -> tuple[Any, Any]:
 def _check_margins(airframe: Airframe, step: float, margins: tuple[Margins, ...]) -> None:
     for loop in margins:
         subject = f"airframe {airframe.name} at a step of {step:g} s: the {loop.loop} loop's"
-        if not loop.gain_margin >= GAIN_MARGIN_MIN:
-            raise TuningError(f"{subject} gain margin is {loop.gain_margin:.1f} dB, must be at least {GAIN_MARGIN_MIN:g} dB")
-        if not loop.phase_margin >= PHASE_MARGIN_MIN:
-            raise TuningError(
-                f"{subject} phase margin is {loop.phase_margin:.1f} degrees, must be at least {PHASE_MARGIN_MIN:g} degrees"
-            )
+        for margin, value, least, unit in (
+            ("gain margin", loop.gain_margin, GAIN_MARGIN_MIN, "dB"),
+            ("phase margin", loop.phase_margin, PHASE_MARGIN_MIN, "degrees"),
+        ):
+            if not value >= least:
+                raise TuningError(f"{subject} {margin} is {value:.1f} {unit}, must be at least {least:g} {unit}")

@@ -7,29 +7,29 @@ from __future__ import annotations
 
 import math
 
-from controllers.compiling import kernel
+from controllers.compiling import hot_kernel
 
 
-@kernel
+@hot_kernel
 def velocity_acceleration(
-    desired_vx: float, desired_vy: float, measured_vx: float, measured_vy: float, tau: float, a_max: float
+    desired_vx: float, desired_vy: float, measured_vx: float, measured_vy: float, gain: float, a_max: float
 ) -> tuple[float, float]:
     """Horizontal acceleration that brings the velocity to the desired one as the point mass does, in m/s^2.
 
-    clip((v_desired - v_measured) / tau, a_max), the cut being to the length of the vector.
+    clip((v_desired - v_measured) gain, a_max), the cut being to the length of the vector.
 
     Args:
         desired_vx: m/s.
         desired_vy: m/s.
         measured_vx: m/s.
         measured_vy: m/s.
-        tau: s, time constant of the response.
+        gain: 1/s, one over the time constant of the response.
         a_max: m/s^2.
     """
-    return clip_length((desired_vx - measured_vx) / tau, (desired_vy - measured_vy) / tau, a_max)
+    return clip_length((desired_vx - measured_vx) * gain, (desired_vy - measured_vy) * gain, a_max)
 
 
-@kernel
+@hot_kernel
 def clip_length(x: float, y: float, longest: float) -> tuple[float, float]:
     """The vector (x, y), shortened to `longest` if it is longer."""
     squared = x * x + y * y
@@ -39,7 +39,7 @@ def clip_length(x: float, y: float, longest: float) -> tuple[float, float]:
     return x * scale, y * scale
 
 
-@kernel
+@hot_kernel
 def observe_axis(
     predicted: float,
     disturbance: float,

@@ -1,15 +1,25 @@
-"""The testbed: scenarios, sensing, the two dynamics, order parameters, fitness, logs and the command line."""
+"""The testbed: scenarios, sensing, the two dynamics, order parameters, fitness, logs and the command line.
 
-from controllers.flocking import FlockingParams
-from moflock_mj.errors import MoflockError
-from moflock_mj.fitness import Fitness
-from moflock_mj.flight import fly
-from moflock_mj.order_parameters import OrderParameters
-from moflock_mj.points import load_point, paper_point
-from moflock_mj.scenario import Scenario
+Names are imported when they are first used, so that `moflock --help` need not wait for NumPy and Numba.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from controllers.flocking import FlockingParams
+    from moflock_mj.errors import MoflockError
+    from moflock_mj.fitness import Fitness
+    from moflock_mj.flight import Flight, fly
+    from moflock_mj.order_parameters import OrderParameters
+    from moflock_mj.points import load_point, paper_point
+    from moflock_mj.scenario import Scenario
 
 __all__ = [
     "Fitness",
+    "Flight",
     "FlockingParams",
     "MoflockError",
     "OrderParameters",
@@ -18,3 +28,21 @@ __all__ = [
     "load_point",
     "paper_point",
 ]
+
+_HOMES = {
+    "Fitness": "moflock_mj.fitness",
+    "Flight": "moflock_mj.flight",
+    "FlockingParams": "controllers.flocking",
+    "MoflockError": "moflock_mj.errors",
+    "OrderParameters": "moflock_mj.order_parameters",
+    "Scenario": "moflock_mj.scenario",
+    "fly": "moflock_mj.flight",
+    "load_point": "moflock_mj.points",
+    "paper_point": "moflock_mj.points",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)

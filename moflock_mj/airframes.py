@@ -16,6 +16,14 @@ _GROUND = "ground"
 _GRID_SPACING = 10.0
 """Distance between neighbours in the composed model, in m: one drone per cell of the ground."""
 
+_DISABLED = (
+    # A flock that blows up must be seen by the flight's own guard, not set back to the start behind its back.
+    mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    # Free bodies have neither springs nor dampers; not looking for them takes a tenth off each step.
+    | mujoco.mjtDisableBit.mjDSBL_SPRING
+    | mujoco.mjtDisableBit.mjDSBL_DAMPER
+)
+
 
 def airframe_names() -> tuple[str, ...]:
     """The airframes that can be flown: the files of models/ but the ground."""
@@ -94,16 +102,15 @@ def flock_spec(airframe_name: str, drones: int, timestep: float, *, visuals: boo
     spec = mujoco.MjSpec.from_file(str(_models_folder() / f"{_GROUND}.xml"))
     spec.modelname = "flock"
     spec.copy_during_attach = True
-    spec.option.timestep = timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.gravity = (0.0, 0.0, -9.81)
-    # A flock that blows up must be seen by the flight's own guard, not set back to the start behind its back.
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     columns = math.ceil(math.sqrt(drones))
     for drone in range(drones):
         row, column = divmod(drone, columns)
         place = spec.worldbody.add_frame(pos=(_GRID_SPACING * column, _GRID_SPACING * row, 0.0))
         place.attach_body(body, body_prefix(drone, drones), "")
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.gravity = (0.0, 0.0, -9.81)
+    spec.option.disableflags |= _DISABLED
     return spec
 
 
@@ -141,13 +148,19 @@ def _bare_body(airframe_name: str, visuals: bool) -> Any:
     unwanted = [*spec.actuators, *spec.keys, *spec.sites]
     if not visuals:
         unwanted += [geom for geom in body.geoms if not geom.contype and not geom.conaffinity]
-    # Assets and default classes would be copied once per drone. Attributes are resolved when a file is read, so the
-    # elements need their classes no more.
-    for element in (body, *body.joints, *body.geoms):
-        element.classname = spec.default
+    # Assets and default classes would be copied once per drone. Elements need their classes no more: what these say was
+    # written into them when the file was read.
     unwanted += [*(geom for geom in spec.geoms if geom.parent != body), *spec.materials, *spec.textures]
+    kept = [body, *body.joints, *body.geoms]
+    classes = {element.classname.name for element in (*kept, *unwanted) if hasattr(element, "classname")}
     for element in unwanted:
         spec.delete(element)
+    for element in kept:
+        element.classname = spec.default
+    for name in classes - {spec.default.name}:
+        unused = spec.find_default(name)
+        if unused is not None:  # else it went with the class around it
+            spec.delete(unused)
     return body
 
 
@@ -203,7 +216,9 @@ def _rotors(
     require(filtered, "dyntype", kinds.tolist(), f"filterexact ({int(mujoco.mjtDyn.mjDYN_FILTEREXACT)})")
     lags = model.actuator_dynprm[:, 0]
     require(lags[0] > 0 and (lags == lags[0]).all(), "rotor lag (dynprm)", lags.tolist(), "above 0 s, the same for all")
-    unit_gain = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all() and (model.actuator_gainprm[:, 0] == 1).all()
+    unit_gain = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED).all() and (
+        model.actuator_gainprm[:, 0] == 1
+    ).all()
     require(unit_gain, "gainprm", model.actuator_gainprm[:, 0].tolist(), "a fixed gain of 1")
     unbiased = (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE).all()
     require(unbiased, "biastype", model.actuator_biastype.tolist(), "none")

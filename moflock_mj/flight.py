@@ -180,7 +180,8 @@ def fly(
 
 def sample_times(scenario: Scenario, first: int, count: int) -> NDArray[np.int64]:
     """Simulated times of `count` samples from number `first`, ns."""
-    return np.rint(np.arange(first, first + count) * (scenario.sample_period * 1e9)).astype(np.int64)
+    numbers = np.arange(first, first + count)
+    return (numbers * round(scenario.sample_period * 1e9)).astype(np.int64)
 
 
 def final_order_parameters(record: Record) -> OrderParameters:
@@ -200,7 +201,7 @@ def join_samples(records: list[Record], scenario: Scenario) -> Samples:
         for name in ("position", "velocity", "desired", "status", "nearest", "order_parameters")
     }
     return Samples(
-        t=sample_times(scenario, 0, len(joined["nearest"])) * 1e-9,
+        t=np.asarray(sample_times(scenario, 0, len(joined["nearest"])) / 1e9, np.float64),
         position=joined["position"],
         velocity=joined["velocity"],
         desired_velocity=joined["desired"].swapaxes(1, 2),

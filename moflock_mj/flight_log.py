@@ -52,7 +52,7 @@ class FlightLogger:
             LogHeader(
                 metadata=run_metadata(flock, seed),
                 attachments=_attachments(flock),
-                outline=flock.stages.arena.outline(),
+                outline=flock.arena.outline(),
                 altitude=flock.scenario.altitude,
                 drones=flock.scenario.drones,
                 radius=airframe.radius,
@@ -115,7 +115,7 @@ def run_metadata(flock: Flock, seed: int) -> dict[str, str]:
     """All that is needed to fly this flight again, and when and on what it was flown."""
     return {
         "scenario": flock.scenario.to_toml(),
-        "parameters": json.dumps(flock.stages.params._asdict()),
+        "parameters": json.dumps(flock.params._asdict()),
         "dynamics": flock.dynamics,
         "seed": str(seed),
         "step": repr(flock.step),
@@ -138,7 +138,7 @@ def _attachments(flock: Flock) -> tuple[Attachment, ...]:
     return (
         Attachment("flock.xml", "application/xml", model.to_xml().encode()),
         Attachment("scenario.toml", "application/toml", scenario.to_toml().encode()),
-        Attachment("parameters.json", "application/json", dump_point(flock.stages.params).encode()),
+        Attachment("parameters.json", "application/json", dump_point(flock.params).encode()),
         Attachment("layout.json", "application/json", viewer_layout(scenario.arena_side)),
     )
 

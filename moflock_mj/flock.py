@@ -40,12 +40,13 @@ class Flock:
             raise ScenarioError(f"dynamics: {dynamics!r} is unknown: it must be one of {', '.join(DEFAULT_STEP)}")
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise ScenarioError(f"seed: {seed!r} is out of bounds: it must be a whole number of at least 0")
+        self.params = params
+        self.arena = arena = SquareArena(scenario.arena_side)
         self.scenario = scenario
         self.dynamics = dynamics
         self.step = scenario.step_for(dynamics)
         self.streams = Streams.of(int(seed))
         clocks = Clocks.of(scenario, self.step)
-        arena = SquareArena(scenario.arena_side)
         world = start_world(scenario, self.streams.start)
         self.body = None
         plant: NamedTuple = PointMass(self.step, scenario.tau, scenario.a_max, scenario.sigma_outer)
@@ -159,6 +160,11 @@ class Flock:
     def _arrays(self) -> dict[str, NDArray[Any]]:
         """Every array that changes in flight, by name."""
         memory = self.memory
-        rooms = {"world": memory.world, "sensor": memory.sensor_state, "sensed": memory.sensed, "tally": memory.tally}
+        rooms: dict[str, Any] = {
+            "world": memory.world,
+            "sensor": memory.sensor_state,
+            "sensed": memory.sensed,
+            "tally": memory.tally,
+        }
         named = {f"{room}.{name}": array for room, held in rooms.items() for name, array in held._asdict().items()}
         return named | {"desired": memory.desired} | (self.body.arrays() if self.body else {})

@@ -6,6 +6,7 @@ on disk; models and data are passed by their addresses.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from ctypes.util import find_library
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def _library() -> str:
 
 llvmlite.binding.load_library_permanently(_library())
 
-mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
+mj_step: Callable[[int, int], None] = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
 """`mj_step(model_address, data_address)`; inside kernels only. The addresses are `MjModel._address` and
 `MjData._address`; whoever passes them keeps both objects alive.
 """

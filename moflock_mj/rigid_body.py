@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.cascade import Gains, rotor_wrench, track_velocity
-from controllers.compiling import implements, kernel
+from controllers.airframe import ROTORS
+from controllers.cascade import OBSERVER_SIZE, Gains, rotor_wrench, track_velocity
+from controllers.compiling import hot_kernel, implements, kernel
 from controllers.tuning import TuningError, design_gains
 from moflock_mj.airframes import flock_model, load_airframe
 from moflock_mj.errors import AirframeError
@@ -103,7 +104,7 @@ def _may_touch(plant: RigidBody, steps: int) -> bool:
         lowest = min(lowest, plant.qpos[i, 2])
     # Full thrust along gravity, and ten deviations of the outer noise's velocity.
     gusts = 10 * plant.noise_force / gains.mass * plant.step * sqrt(steps)
-    thrust_acceleration = plant.thrust.shape[1] * gains.thrust_max / gains.mass
+    thrust_acceleration = ROTORS * gains.thrust_max / gains.mass
     speed = sqrt(fastest_sq) + gusts + duration * (thrust_acceleration + 9.81)
     way = plant.reach + duration * speed
     if lowest < way:
@@ -118,29 +119,29 @@ def _may_touch(plant: RigidBody, steps: int) -> bool:
     return False
 
 
-@kernel
+@hot_kernel
 def _push(plant: RigidBody, i: int, noise_x: float, noise_y: float) -> None:
     """Apply the rotors' wrench, the outer noise and the drag to body i; then let the rotors follow their commands.
 
     As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag.
     """
-    gains, force, thrust = plant.gains, plant.qfrc_applied[i], plant.thrust[i]
-    qw, qx, qy, qz = plant.qpos[i, 3], plant.qpos[i, 4], plant.qpos[i, 5], plant.qpos[i, 6]
-    total, force[3], force[4], force[5] = rotor_wrench(gains, thrust)
-    force[0] = 2 * (qx * qz + qw * qy) * total + plant.noise_force * noise_x
-    force[1] = 2 * (qy * qz - qw * qx) * total + plant.noise_force * noise_y
-    force[2] = (1 - 2 * (qx * qx + qy * qy)) * total
+    gains, qpos, force, thrust = plant.gains, plant.qpos, plant.qfrc_applied, plant.thrust
+    total, force[i, 3], force[i, 4], force[i, 5] = rotor_wrench(gains, thrust[i])
+    qw, qx, qy, qz = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
+    force[i, 0] = 2 * (qx * qz + qw * qy) * total + plant.noise_force * noise_x
+    force[i, 1] = 2 * (qy * qz - qw * qx) * total + plant.noise_force * noise_y
+    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total
     if plant.drag > 0:
         vx, vy, vz = plant.qvel[i, 0], plant.qvel[i, 1], plant.qvel[i, 2]
         drag = plant.drag * sqrt(vx * vx + vy * vy + vz * vz)
-        force[0] -= drag * vx
-        force[1] -= drag * vy
-        force[2] -= drag * vz
-    for rotor in range(thrust.size):
-        thrust[rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[rotor])
+        force[i, 0] -= drag * vx
+        force[i, 1] -= drag * vy
+        force[i, 2] -= drag * vz
+    for rotor in range(ROTORS):
+        thrust[i, rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[i, rotor])
 
 
-@kernel
+@hot_kernel
 def _watch(plant: RigidBody, i: int) -> None:
     """Count what the step before asks of body i."""
     extremes, gains = plant.extremes, plant.gains
@@ -148,29 +149,33 @@ def _watch(plant: RigidBody, i: int) -> None:
     extremes.upright[i] = min(extremes.upright[i], 1 - 2 * (qx * qx + qy * qy))
     extremes.altitude_error[i] = max(extremes.altitude_error[i], abs(plant.qpos[i, 2] - plant.altitude))
     saturated = False
-    for rotor in range(plant.thrust_command.shape[1]):
+    for rotor in range(ROTORS):
         command = plant.thrust_command[i, rotor]
         saturated |= command <= 0 or command >= gains.thrust_max
     extremes.saturated[i] += saturated
 
 
+@hot_kernel
+def _is_pushed(plant: RigidBody, i: int) -> bool:
+    """Whether contact forces acted on body i in the latest step."""
+    pushed = False
+    for k in range(6):
+        pushed |= plant.qfrc_constraint[i, k] != 0
+    return pushed
+
+
 @kernel
 def _mark_touches(plant: RigidBody) -> None:
     """Note the first step in which contact forces act on a body, and what is nearest to it then."""
-    touched = False
-    for i in range(plant.qpos.shape[0]):
-        for k in range(6):
-            touched |= plant.qfrc_constraint[i, k] != 0
-    if not touched:
-        return
-    extremes = plant.extremes
-    for i in range(plant.qpos.shape[0]):
-        if extremes.touch_step[i] >= 0 or not np.any(plant.qfrc_constraint[i] != 0):
+    extremes, qpos = plant.extremes, plant.qpos
+    for i in range(qpos.shape[0]):
+        if extremes.touch_step[i] >= 0 or not _is_pushed(plant, i):
             continue
-        nearest_sq, nearest = plant.qpos[i, 2] ** 2, GROUND
-        for j in range(plant.qpos.shape[0]):
-            if j != i and np.any(plant.qfrc_constraint[j] != 0):
-                distance_sq = np.sum((plant.qpos[j, :3] - plant.qpos[i, :3]) ** 2)
+        nearest_sq, nearest = qpos[i, 2] ** 2, GROUND
+        for j in range(qpos.shape[0]):
+            if j != i and _is_pushed(plant, j):
+                dx, dy, dz = qpos[j, 0] - qpos[i, 0], qpos[j, 1] - qpos[i, 1], qpos[j, 2] - qpos[i, 2]
+                distance_sq = dx * dx + dy * dy + dz * dz
                 if distance_sq < nearest_sq:
                     nearest_sq, nearest = distance_sq, j
         extremes.touch_step[i], extremes.touch_with[i] = extremes.steps[0], nearest
@@ -262,9 +267,9 @@ class RigidBodyFlock:
             qvel=self.data.qvel.reshape(drones, 6),
             qfrc_applied=self.data.qfrc_applied.reshape(drones, 6),
             qfrc_constraint=self.data.qfrc_constraint.reshape(drones, 6),
-            thrust=np.full((drones, 4), airframe.hover_thrust()),
-            thrust_command=np.full((drones, 4), airframe.hover_thrust()),
-            observer=np.zeros((drones, 6)),
+            thrust=np.full((drones, ROTORS), airframe.hover_thrust()),
+            thrust_command=np.full((drones, ROTORS), airframe.hover_thrust()),
+            observer=np.zeros((drones, OBSERVER_SIZE)),
             extremes=Extremes(
                 upright=np.ones(drones),
                 altitude_error=np.zeros(drones),

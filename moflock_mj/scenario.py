@@ -32,12 +32,13 @@ class Scenario:
     altitude: float = quantity(20.0, "m", "height at which the flock flies", low=1, high=1e4)
     airframe: str = quantity("x500", "1", "the vehicle: a file of models/, without .xml")
     start: str = quantity(
-        "spaced", "1", "spaced: apart and at rest; moflock: anywhere, with one common velocity", choices=("spaced", "moflock")
+        "spaced",
+        "1",
+        "spaced: apart and at rest; moflock: anywhere, with one common velocity",
+        choices=("spaced", "moflock"),
     )
     start_spacing: float = quantity(12.0, "m", "least distance between two drones of a spaced start", low=0, high=1e4)
-    start_speed: float = quantity(
-        1.0, "m/s", "bound of each component of a moflock start's velocity", low=0, high=100
-    )
+    start_speed: float = quantity(1.0, "m/s", "bound of each component of a moflock start's velocity", low=0, high=100)
     warm_up: float = quantity(0.0, "s", "time at the beginning that order parameters leave out", low=0, high=1e6)
 
     v_flock: float = quantity(6.0, "m/s", "the speed that each drone strives for", low=0, open_low=True, high=100)

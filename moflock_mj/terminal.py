@@ -134,7 +134,9 @@ def _figures(flight: Flight) -> Table:
         table.columns[column].justify = "right"
     for name, value in flight.order_parameters._asdict().items():
         fitness = _FITNESS_OF.get(name, name)
-        table.add_row(f"phi_{name}", f"{value:.5g}", _UNITS[name], f"F_{fitness}", f"{getattr(flight.fitness, fitness):.3f}")
+        table.add_row(
+            f"phi_{name}", f"{value:.5g}", _UNITS[name], f"F_{fitness}", f"{getattr(flight.fitness, fitness):.3f}"
+        )
     table.add_section()
     for name in ("F_1", "F_2", "product"):
         table.add_row("", "", "", name, f"{getattr(flight.fitness, name):.3f}")

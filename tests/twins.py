@@ -1,4 +1,4 @@
-"""Slow twins in plain Python of what is compiled: written from the model's formulas, one drone and one pair at a time."""
+"""Slow twins in plain Python of what is compiled: the model's formulas, one drone and one pair at a time."""
 
 from __future__ import annotations
 
@@ -91,9 +91,7 @@ class SlowFlight:
                 own.drift(scenario, xi[0].T)
                 sent.drift(scenario, xi[1].T)
                 past_x, past_v = states[max(k - late, 0)]
-                desired = np.array(
-                    [self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)]
-                )
+                desired = np.array([self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
             wanted = (desired - v - own.h) / scenario.tau
             size = np.linalg.norm(wanted, axis=1, keepdims=True)

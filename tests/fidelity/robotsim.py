@@ -122,7 +122,9 @@ def main() -> int:
     for point, objective, ours, mean, deviation in paper_rows(range(1, 21)):
         within = abs(ours - mean) <= deviation
         good &= within
-        print(f"{point} {objective}: {ours:.3f}, paper {mean:.3f} +- {deviation:.3f}: {'within' if within else 'OUTSIDE'}")
+        print(
+            f"{point} {objective}: {ours:.3f}, paper {mean:.3f} +- {deviation:.3f}: {'within' if within else 'OUTSIDE'}"
+        )
     return 0 if good else 1
 
 

@@ -1,11 +1,12 @@
 """One drone in MuJoCo, flown by the compiled controller from Python."""
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import pytest
 
 from controllers.cascade import OBSERVER_SIZE, rotor_wrench, track_velocity
 from controllers.tuning import design_gains
@@ -25,6 +26,7 @@ class Track(NamedTuple):
     def speed(self):
         return np.hypot(self.velocity[:, 0], self.velocity[:, 1])
 
+    @property
     def acceleration(self):
         """(T - 1,), m/s^2, horizontal, between rows."""
         return np.hypot(*(np.diff(self.velocity[:, :2], axis=0) / (self.t[1] - self.t[0])).T)
@@ -68,7 +70,16 @@ class SingleDrone:
             wanted = desired(t) if callable(desired) else desired
             if controlled:
                 track_velocity(
-                    self.gains, *map(float, wanted), self.altitude, v[0], v[1], q, v, self.thrust, self.observer, self.command
+                    self.gains,
+                    *map(float, wanted),
+                    self.altitude,
+                    v[0],
+                    v[1],
+                    q,
+                    v,
+                    self.thrust,
+                    self.observer,
+                    self.command,
                 )
             self._step(np.asarray(force, float))
         return Track(*map(np.array, zip(*rows, strict=True)))
@@ -85,8 +96,3 @@ class SingleDrone:
             data.qfrc_applied[:] = (*push, *torque)
             self.thrust += self.gains.rotor_blend * (self.command - self.thrust)
         mujoco.mj_step(self.model, data)
-
-
-@pytest.fixture(scope="session")
-def single_drone():
-    return SingleDrone
