@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS, Airframe
-from controllers.compiling import hot_kernel
+from controllers.compiling import hot_kernel, kernel
 
 
 def wrench_matrix(airframe: Airframe) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ def mix(
         _mix_saturated(mixer, thrust_max, total, torque_x, torque_y, torque_z, thrust_command)
 
 
-@hot_kernel
+@kernel
 def _mix_saturated(
     mixer: NDArray[np.float64],
     thrust_max: float,

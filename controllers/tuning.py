@@ -104,17 +104,7 @@ def design_gains(
         raise TuningError(f"tilt_max: {tilt_max:g} rad must be between 0 and pi/2")
     _check_strength(airframe, a_max, g)
     matrix, mixer = _steering(airframe)
-    loops = _Loops(airframe, step, bandwidths)
-    velocity = loops.tilt_closed * loops.half_step / loops.s
-    loops.report("velocity", velocity / tau)
-
-    # Observer of v' = a + d: both poles at the bandwidth. Q is the transfer function from disturbance to its estimate.
-    observer_velocity_gain, observer_disturbance_gain = 2 * bandwidths.observer, bandwidths.observer**2
-    q = observer_disturbance_gain / (loops.s**2 + observer_velocity_gain * loops.s + observer_disturbance_gain)
-    loops.report_observed("velocity with observer", loops.tilt_closed * loops.half_step, 1 / tau, q)
-    climb_control = loops.climb_gain * (1 + loops.altitude_gain / loops.s)
-    loops.report_observed("altitude with observer", loops.actuation, climb_control, q)
-
+    loops = _Loops(airframe, step, bandwidths, 1 / tau)
     margins = tuple(loops.margins)
     _check_margins(airframe, step, margins)
     rate_gain_x, rate_gain_y, rate_gain_z = loops.rate_gains
@@ -127,7 +117,7 @@ def design_gains(
         gravity=g,
         thrust_max=airframe.thrust_max,
         rotor_blend=-math.expm1(-step / airframe.rotor_lag),
-        velocity_gain=1 / tau,
+        velocity_gain=loops.velocity_gain,
         a_max=a_max,
         tilt_tangent=math.tan(tilt_max),
         tilt_cosine=math.cos(tilt_max),
@@ -141,8 +131,8 @@ def design_gains(
         rate_gain_x=rate_gain_x,
         rate_gain_y=rate_gain_y,
         rate_gain_z=rate_gain_z,
-        observer_velocity_gain=observer_velocity_gain,
-        observer_disturbance_gain=observer_disturbance_gain,
+        observer_velocity_gain=loops.observer_velocity_gain,
+        observer_disturbance_gain=loops.observer_disturbance_gain,
         # Never more than half of what the tilt can push, nor, with the bound on vertical acceleration, all of gravity.
         disturbance_max=min(g * math.tan(tilt_max) / 2, g / 4),
         wrench_matrix=matrix,
@@ -154,7 +144,7 @@ def design_gains(
 class _Loops:
     """The loops about hover, from the innermost out; each is reported as it is closed."""
 
-    def __init__(self, airframe: Airframe, step: float, bandwidths: Bandwidths) -> None:
+    def __init__(self, airframe: Airframe, step: float, bandwidths: Bandwidths, velocity_gain: float) -> None:
         import control  # noqa: PLC0415 - takes most of a second, which a point-mass flight need not pay
 
         self._control = control
@@ -175,18 +165,30 @@ class _Loops:
         self.rate_gains = tuple(gain for gain, _ in placed)
         _, roll_closed = placed[0]
         _, yaw_closed = placed[2]
-        self.tilt_gain, self.tilt_closed = self._place("tilt", roll_closed / self.s, bandwidths.tilt)
+        self.tilt_gain, tilt_closed = self._place("tilt", roll_closed / self.s, bandwidths.tilt)
         self.heading_gain, _ = self._place("heading", yaw_closed / self.s, bandwidths.heading)
         self.climb_gain, climb_closed = self._place("climb", self.actuation / self.s, bandwidths.climb)
         self.altitude_gain, _ = self._place("altitude", climb_closed / self.s, bandwidths.altitude)
 
+        # The velocity loop's gain is the answer asked for; its crossover follows.
+        self.velocity_gain = velocity_gain
+        leaning = tilt_closed * self.half_step
+        self._report("velocity", velocity_gain * leaning / self.s)
+        # Observer of v' = a + d, both poles at the bandwidth; q leads from the disturbance to its estimate.
+        self.observer_velocity_gain = 2 * bandwidths.observer
+        self.observer_disturbance_gain = bandwidths.observer**2
+        q = self.observer_disturbance_gain / (self.s + bandwidths.observer) ** 2
+        self._report_observed("velocity with observer", leaning, velocity_gain, q)
+        climbing = self.climb_gain * (1 + self.altitude_gain / self.s)
+        self._report_observed("altitude with observer", self.actuation, climbing, q)
+
     def _place(self, loop: str, plant: Any, bandwidth: float) -> tuple[float, Any]:
         """The gain that makes gain times plant cross 0 dB at the bandwidth, and the loop closed with it."""
         gain = 1 / abs(complex(plant(1j * bandwidth)))
-        self.report(loop, gain * plant)
+        self._report(loop, gain * plant)
         return gain, self._control.feedback(gain * plant, 1)
 
-    def report(self, loop: str, open_loop: Any) -> None:
+    def _report(self, loop: str, open_loop: Any) -> None:
         """Keep the margins of a loop; one that is unstable when closed has none."""
         gain_margin, phase_margin, _, crossover = map(float, self._control.margin(open_loop))
         if self._control.feedback(open_loop, 1).poles().real.max() >= 0:
@@ -201,14 +203,14 @@ class _Loops:
             )
         )
 
-    def report_observed(self, loop: str, actuation: Any, feedback_law: Any, q: Any) -> None:
+    def _report_observed(self, loop: str, actuation: Any, feedback_law: Any, q: Any) -> None:
         """Report a loop about v = a / s with the observer in it, broken where the velocity is measured.
 
         With y the measurement and a = actuation u the acceleration that the observer knows of, the controller asks for
         u = -feedback_law y - q (s y - a), thus u (1 - q actuation) = -(feedback_law + q s) y.
         """
         inner = self._control.feedback(1, q * actuation, sign=1)
-        self.report(loop, inner * actuation * (feedback_law + q * self.s) / self.s)
+        self._report(loop, inner * actuation * (feedback_law + q * self.s) / self.s)
 
 
 def _check_strength(airframe: Airframe, a_max: float, g: float) -> None:

@@ -9,13 +9,13 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import Writer
 
 from moflock_mj.events import FlightEvent
+from moflock_mj.log_chunks import CHUNK_SIZE, ChunkWriter, message_record, message_rows, row_bytes
 from moflock_mj.log_scene import scene
 from moflock_mj.log_schemas import (
     CHANNELS,
+    DIGEST_SIZE,
     FITNESS_FIELDS,
     LOG_VERSION,
     ORDER_PARAMETER_FIELDS,
@@ -23,14 +23,14 @@ from moflock_mj.log_schemas import (
     RUN_METADATA,
     STATUS_RGBA,
     SimState,
-    fill_integer,
-    fill_time,
     frame_name,
     metrics_record,
     points_record,
     schema_of,
     state_digest,
+    timestamps,
     transforms_record,
+    varints,
 )
 
 _SECOND = 1_000_000_000
@@ -100,41 +100,35 @@ class Encoder:
     """Turns blocks, events and states into the messages of an MCAP stream."""
 
     def __init__(self, stream: IO[bytes], header: LogHeader) -> None:
-        self._stream = stream
-        self._writer = Writer(stream)
+        self._file = ChunkWriter(stream)
         self._drones = header.drones
         self._transform_period = header.transform_period
-        self._points = points_record(header.drones)
-        self._transforms = transforms_record(header.drones)
-        self._metrics = metrics_record()
         self._tick = 0
         self._written = 0  # simulated ns of the last tick, and of the last one that is with the operating system
         self._flushed = 0
-        self._writer.start()
-        self._writer.add_metadata(RUN_METADATA, {"log_version": str(LOG_VERSION), **header.metadata})
+        self._file.add_metadata(RUN_METADATA, {"log_version": str(LOG_VERSION), **header.metadata})
         for name, media_type, data in header.attachments:
-            self._writer.add_attachment(0, 0, name, media_type, data)
-        self._channels = {topic: self._channel(topic, message) for topic, message in CHANNELS.items()}
+            self._file.add_attachment(name, media_type, data)
+        self._channels = {
+            topic: self._file.add_channel(topic, *schema_of(message)) for topic, message in CHANNELS.items()
+        }
+        self._points = message_record(self._channels["/swarm/points"], points_record(header.drones))
+        self._transforms = message_record(self._channels["/tf"], transforms_record(header.drones))
+        self._metrics = message_record(self._channels["/metrics"], metrics_record())
+        # A block that is longer than a chunk is written in pieces.
+        tick_size = sum(len(record.constant) for record in (self._points, self._transforms, self._metrics))
+        self._most_ticks = max(1, CHUNK_SIZE // tick_size)
         still = scene(header.outline, header.altitude, header.drones, header.radius)
-        self._add("/scene", 0, still.SerializeToString())
-        self._flush()
+        self._file.add_message(self._channels["/scene"], 0, still.SerializeToString())
+        self._file.flush()
 
     def block(self, block: SampleBlock) -> None:
         """Write K ticks."""
         count = len(block.time_ns)
         if not count:
             return
-        ticks = self._tick + np.arange(count)
-        posed = np.flatnonzero(ticks % self._transform_period == 0)
-        points = self._point_rows(block)
-        metrics = self._metric_rows(block, ticks)
-        transforms = dict(zip(posed.tolist(), self._transform_rows(block, posed), strict=True))
-        for row, (tick, time_ns) in enumerate(zip(ticks.tolist(), block.time_ns.tolist(), strict=True)):
-            self._add("/swarm/points", time_ns, points[row].tobytes(), tick)
-            if row in transforms:
-                self._add("/tf", time_ns, transforms[row].tobytes(), tick)
-            self._add("/metrics", time_ns, metrics[row].tobytes(), tick)
-        self._tick += count
+        for first in range(0, count, self._most_ticks):
+            self._ticks(SampleBlock(*(array[first : first + self._most_ticks] for array in block)))
         self._flush_in_time(int(block.time_ns[-1]))
 
     def event(self, event: FlightEvent) -> None:
@@ -143,31 +137,19 @@ class Encoder:
         name = "flock" if event.drone < 0 else frame_name(event.drone, self._drones)
         message = Log(level=Log.Level.Value(event.level.upper()), message=event.message, name=name)
         message.timestamp.seconds, message.timestamp.nanos = seconds, nanos
-        self._add("/log", event.time_ns, message.SerializeToString())
+        self._file.add_message(self._channels["/log"], event.time_ns, message.SerializeToString())
 
     def state(self, state: FlightState) -> None:
         """Write a state to resume from."""
         message = SimState(version=LOG_VERSION, state=state.state)
-        self._add("/sim/state", state.time_ns, message.SerializeToString())
+        self._file.add_message(self._channels["/sim/state"], state.time_ns, message.SerializeToString())
 
     def finish(self, result: Mapping[str, str] | None) -> None:
         """Write the result and the index, all of which is with the operating system afterwards."""
-        self._flush()
+        self._file.flush()
         if result is not None:
-            self._writer.add_metadata(RESULT_METADATA, dict(result))
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self._stream.flush()
-
-    def _channel(self, topic: str, message_class: Any) -> int:
-        name, descriptors = schema_of(message_class)
-        schema = self._writer.register_schema(name, SchemaEncoding.Protobuf, descriptors)
-        return self._writer.register_channel(topic, MessageEncoding.Protobuf, schema)
-
-    def _add(self, topic: str, time_ns: int, data: bytes, tick: int = 0) -> None:
-        self._writer.add_message(self._channels[topic], time_ns, data, time_ns, tick)
-
-    def _flush(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]
+            self._file.add_metadata(RESULT_METADATA, result)
+        self._file.finish()
 
     def _flush_in_time(self, time_ns: int) -> None:
         """Close the chunk if a program killed before its next block would otherwise lose more than a second.
@@ -175,41 +157,74 @@ class Encoder:
         What it loses is all that waits in the chunk and the block that it is flying, taken to be as long as the last.
         """
         if (time_ns - self._flushed) + (time_ns - self._written) > _SECOND:
-            self._flush()
+            self._file.flush()
             self._flushed = time_ns
         self._written = time_ns
 
-    def _point_rows(self, block: SampleBlock) -> npt.NDArray[Any]:
-        rows = self._points.rows(len(block.time_ns))
-        fill_time(rows, block.time_ns)
-        drones = rows["points"]
-        # A body that has gone wild may leave what a float of four bytes can hold; that is infinity then.
-        with np.errstate(over="ignore"):
-            drones["qpos"] = block.qpos
-            drones["qvel"] = block.qvel
-            drones["desired_velocity"][..., :2] = block.desired_velocity
-        drones["rgba"] = STATUS_RGBA[block.status]
-        return rows
+    def _ticks(self, block: SampleBlock) -> None:
+        """Add K ticks to the chunk: of each the points, perhaps the transforms, and the metrics."""
+        time_ns, count, period = block.time_ns, len(block.time_ns), self._transform_period
+        ticks = np.arange(self._tick, self._tick + count)
+        first_posed = -self._tick % period
+        posed = slice(first_posed, None, period)
+        self._tick += count
+        stamps = timestamps(time_ns)
+        points = message_rows(self._points, ticks, time_ns)
+        _fill_points(points["data"], block, stamps)
+        transforms = message_rows(self._transforms, ticks[posed], time_ns[posed])
+        _fill_transforms(transforms["data"], block.qpos[posed], stamps[posed])
+        metrics = message_rows(self._metrics, ticks, time_ns)
+        _fill_metrics(metrics["data"], block, ticks)
+        # Three places for every tick; that of the transforms is mostly left empty.
+        records = [b""] * (3 * count)
+        places = {
+            self._channels["/swarm/points"]: slice(0, None, 3),
+            self._channels["/tf"]: slice(3 * first_posed + 1, None, 3 * period),
+            self._channels["/metrics"]: slice(2, None, 3),
+        }
+        for rows, place in zip((points, transforms, metrics), places.values(), strict=True):
+            records[place] = row_bytes(rows)
+        self._file.add_records(records, np.repeat(time_ns, 3), places)
 
-    def _transform_rows(self, block: SampleBlock, posed: npt.NDArray[np.intp]) -> npt.NDArray[Any]:
-        rows = self._transforms.rows(len(posed))
-        drones = rows["drones"]
-        qpos = block.qpos[posed]
-        fill_time(drones, block.time_ns[posed, None])
-        drones["translation"]["value"] = qpos[..., :3]
-        drones["rotation"]["value"][..., :3] = qpos[..., 4:]
-        drones["rotation"]["value"][..., 3] = qpos[..., 3]
-        return rows
+    def _flush_in_time(self, time_ns: int) -> None:
+        """Close the chunk if a program killed before its next block would otherwise lose more than a second.
 
-    def _metric_rows(self, block: SampleBlock, ticks: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-        rows = self._metrics.rows(len(ticks))
-        fill_integer(rows["tick"], ticks)
-        values = rows["values"]["value"]
-        values[:, : len(ORDER_PARAMETER_FIELDS)] = block.order_parameters
-        values[:, len(ORDER_PARAMETER_FIELDS) :] = block.fitness
-        digests = [state_digest(qpos, qvel) for qpos, qvel in zip(block.qpos, block.qvel, strict=True)]
-        rows["digest"] = np.frombuffer(b"".join(digests), np.uint8).reshape(rows["digest"].shape)
-        return rows
+        What it loses is all that waits in the chunk and the block that it is flying, taken to be as long as the last.
+        """
+        if (time_ns - self._flushed) + (time_ns - self._written) > _SECOND:
+            self._file.flush()
+            self._flushed = time_ns
+        self._written = time_ns
+
+
+def _fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDArray[np.uint8]) -> None:
+    messages["stamp"] = stamps
+    drones = messages["points"]
+    # A body that has gone wild may leave what a float of four bytes can hold; that is infinity then.
+    with np.errstate(over="ignore"):
+        drones["qpos"] = block.qpos
+        drones["qvel"] = block.qvel
+        drones["desired_velocity"][..., :2] = block.desired_velocity
+    drones["rgba"] = STATUS_RGBA[block.status]
+
+
+def _fill_transforms(
+    messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], stamps: npt.NDArray[np.uint8]
+) -> None:
+    drones = messages["drones"]
+    drones["stamp"] = stamps[:, None]
+    drones["translation"]["value"] = qpos[..., :3]
+    drones["rotation"]["value"][..., :3] = qpos[..., 4:]
+    drones["rotation"]["value"][..., 3] = qpos[..., 3]
+
+
+def _fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, ticks: npt.NDArray[np.int64]) -> None:
+    messages["tick"] = varints(ticks)
+    values = messages["values"]["value"]
+    values[:, : len(ORDER_PARAMETER_FIELDS)] = block.order_parameters
+    values[:, len(ORDER_PARAMETER_FIELDS) :] = block.fitness
+    digests = [state_digest(qpos, qvel) for qpos, qvel in zip(block.qpos, block.qvel, strict=True)]
+    messages["digest"] = np.frombuffer(b"".join(digests), np.uint8).reshape(-1, DIGEST_SIZE)
 
 
 def check_shapes(block: SampleBlock, drones: int) -> None:

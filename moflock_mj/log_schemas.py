@@ -52,10 +52,11 @@ STATUS_RGBA = np.array(
 
 _VARINT, _DOUBLE, _BYTES = 0, 1, 2  # protobuf's wire types
 _TAGGED_DOUBLE = np.dtype([("tag", "u1"), ("value", "<f8")])
-_DIGEST_SIZE = 16
+DIGEST_SIZE = 16
 # The five bytes of a padded varint: seven bits each, the lowest first, and a bit that says that more follow.
 _SEPTETS = np.arange(0, 35, 7)
 _MORE_FOLLOW = np.array([0x80, 0x80, 0x80, 0x80, 0])
+_TIMESTAMP_TAGS = (0x08, 0x10)  # of the varints `seconds` and `nanos`
 
 
 def _own_messages() -> tuple[Any, Any]:
@@ -110,7 +111,7 @@ def state_digest(qpos: npt.NDArray[np.float64], qvel: npt.NDArray[np.float64]) -
         qvel: (N, 6), velocity m/s and body rates rad/s.
     """
     state = qpos.astype("<f8", copy=False).tobytes() + qvel.astype("<f8", copy=False).tobytes()
-    return hashlib.blake2b(state, digest_size=_DIGEST_SIZE).digest()
+    return hashlib.blake2b(state, digest_size=DIGEST_SIZE).digest()
 
 
 class WireRecord(NamedTuple):
@@ -130,7 +131,7 @@ class WireRecord(NamedTuple):
 
 
 def points_record(drones: int) -> WireRecord:
-    """`foxglove.PointCloud` with the fields `seconds`, `nanos` and `points`, (N,) of POINT."""
+    """`foxglove.PointCloud` with the fields `stamp` and `points`, (N,) of POINT."""
     cloud = PointCloud(frame_id=WORLD_FRAME, point_stride=POINT.itemsize)
     cloud.pose.orientation.w = 1.0
     for place, name in enumerate(POINT_FLOATS):
@@ -138,12 +139,15 @@ def points_record(drones: int) -> WireRecord:
     for place, name in enumerate(POINT_COLOURS):
         cloud.fields.add(name=name, offset=4 * len(POINT_FLOATS) + place, type=PackedElementField.UINT8)
     points = _Piece(bytes(drones * POINT.itemsize), "points", (POINT, (drones,)))
-    stamp = _message(PointCloud.TIMESTAMP_FIELD_NUMBER, *_TIMESTAMP)
-    return _record(_Piece(cloud.SerializeToString()), *stamp, *_message(PointCloud.DATA_FIELD_NUMBER, points))
+    return _record(
+        _Piece(cloud.SerializeToString()),
+        *_message(PointCloud.TIMESTAMP_FIELD_NUMBER, _STAMP),
+        *_message(PointCloud.DATA_FIELD_NUMBER, points),
+    )
 
 
 def transforms_record(drones: int) -> WireRecord:
-    """`foxglove.FrameTransforms` with the field `drones`: (N,), `seconds`, `nanos`, `translation`, `rotation`."""
+    """`foxglove.FrameTransforms` with the field `drones`: (N,), `stamp`, `translation`, `rotation`."""
     records = [_transform(frame_name(drone, drones)) for drone in range(drones)]
     return WireRecord(
         np.dtype([("drones", records[0].dtype, (drones,))]), b"".join(record.constant for record in records)
@@ -154,27 +158,25 @@ def metrics_record() -> WireRecord:
     """`moflock.Metrics` with the fields `values` (order parameters, then fitness), `tick` and `digest`."""
     values = _doubles("values", len(ORDER_PARAMETER_FIELDS) + len(FITNESS_FIELDS))
     tick = _Piece(_tag(Metrics.TICK_FIELD_NUMBER, _VARINT))
-    digest = _Piece(bytes(_DIGEST_SIZE), "digest", ("u1", (_DIGEST_SIZE,)))
-    return _record(values, tick, _integer("tick"), *_message(Metrics.STATE_DIGEST_FIELD_NUMBER, digest))
+    digest = _Piece(bytes(DIGEST_SIZE), "digest", ("u1", (DIGEST_SIZE,)))
+    number = _Piece(bytes(len(_SEPTETS)), "tick", ("u1", len(_SEPTETS)))
+    return _record(values, tick, number, *_message(Metrics.STATE_DIGEST_FIELD_NUMBER, digest))
 
 
-def fill_integer(field: npt.NDArray[np.uint8], value: npt.NDArray[np.int64]) -> None:
-    """Write integers below 2**35 as varints.
+def varints(values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
+    """Integers below 2**35 as varints, (...) to (..., 5).
 
     They always take five bytes, which protobuf allows, so that a message is equally long at all times.
-
-    Args:
-        field: (..., 5), the field to write.
-        value: (...), broadcast against the field.
     """
-    field[...] = (value[..., None] >> _SEPTETS) & 0x7F | _MORE_FOLLOW
+    return ((values[..., None] >> _SEPTETS) & 0x7F | _MORE_FOLLOW).astype(np.uint8)
 
 
-def fill_time(rows: npt.NDArray[Any], time_ns: npt.NDArray[np.int64]) -> None:
-    """Write simulated times, ns, into the timestamps of messages."""
-    seconds, nanos = np.divmod(time_ns, 1_000_000_000)
-    fill_integer(rows["seconds"], seconds)
-    fill_integer(rows["nanos"], nanos)
+def timestamps(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
+    """Simulated times, (K,) ns, as the contents of `google.protobuf.Timestamp`, (K, 12)."""
+    fields = np.empty((len(time_ns), 2, 1 + len(_SEPTETS)), np.uint8)
+    fields[..., 0] = _TIMESTAMP_TAGS
+    fields[..., 1:] = varints(np.stack(np.divmod(time_ns, 1_000_000_000), axis=-1))
+    return fields.reshape(len(time_ns), -1)
 
 
 class _Piece(NamedTuple):
@@ -218,11 +220,7 @@ def _doubles(name: str, count: int) -> _Piece:
     return _Piece(constant, name, (_TAGGED_DOUBLE, (count,)))
 
 
-def _integer(name: str) -> _Piece:
-    return _Piece(b"\x80\x80\x80\x80\x00", name, ("u1", (5,)))
-
-
-_TIMESTAMP = (_Piece(_tag(1, _VARINT)), _integer("seconds"), _Piece(_tag(2, _VARINT)), _integer("nanos"))
+_STAMP = _Piece(bytes(12), "stamp", ("u1", 12))
 
 
 def _transform(frame: str) -> WireRecord:
@@ -230,7 +228,7 @@ def _transform(frame: str) -> WireRecord:
     return _record(
         *_message(
             FrameTransforms.TRANSFORMS_FIELD_NUMBER,
-            *_message(1, *_TIMESTAMP),
+            *_message(1, _STAMP),
             *_message(2, _Piece(WORLD_FRAME.encode())),
             *_message(3, _Piece(frame.encode())),
             *_message(4, _doubles("translation", 3)),

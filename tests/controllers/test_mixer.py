@@ -85,7 +85,7 @@ def test_what_fits_comes_back_exactly(name):
 
 @pytest.mark.parametrize("name", AIRFRAMES)
 def test_signs(name):
-    """Roll to the right loads the left rotors, pitch down the rear ones, yaw those whose drag turns the body that way."""
+    """Roll to the right loads the left rotors, pitch down the rear ones, yaw those whose drag turns it that way."""
     airframe = AIRFRAMES[name]
     x, y = np.array(airframe.rotor_positions).T
     small = 0.1 * airframe.thrust_max * 0.03

@@ -1,0 +1,123 @@
+"""Timings, on one core: `make bench`. They are printed, never asserted."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from moflock_mj import Scenario, fly, paper_point
+from moflock_mj.flock import Flock
+
+POINT = paper_point("model_optimum")
+MOFLOCK = Path(sys.executable).parent / "moflock"
+
+
+def best_of(repeats: int, action: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Shortest time of some repetitions, s; a first one, which compiles, does not count."""
+    action()
+    times = []
+    for _ in range(repeats):
+        began = clock()
+        action()
+        times.append(clock() - began)
+    return min(times)
+
+
+def row(what: str, value: float, unit: str, remark: str = "") -> None:
+    print(f"{what:58} {value:10.3f} {unit:8} {remark}", flush=True)
+
+
+def point_mass_flights() -> None:
+    for step, draft in ((0.1, 0.16), (0.01, 0.40)):
+        scenario = Scenario(step=step)
+        seconds = best_of(5, lambda s=scenario: fly(POINT, scenario=s, dynamics="point_mass", keep_samples=False))
+        row(f"point mass, 30 drones, 600 s, step {step} s", seconds, "s", f"first draft {draft} s")
+
+
+def bare_step(flock: Flock, steps: int) -> float:
+    """Seconds of one bare mj_step on a flock's model: bodies at hover, as far apart as they start, nothing else done."""
+    body = flock.body
+    assert body is not None
+    data = mujoco.MjData(body.model)
+    drones = flock.scenario.drones
+    data.qpos.reshape(drones, 7)[:] = body.plant.qpos
+    data.qpos.reshape(drones, 7)[:, 3:] = (1, 0, 0, 0)
+    data.qfrc_applied.reshape(drones, 6)[:, 2] = body.plant.gains.mass * 9.81
+    return best_of(3, lambda: mujoco.mj_step(body.model, data, nstep=steps)) / steps
+
+
+def flown(scenario: Scenario) -> float:
+    """Seconds of a rigid-body flight without building it."""
+    flock = Flock(POINT, scenario, "rigid_body", 1)
+    began = time.perf_counter()
+    while not flock.finished:
+        flock.fly(1.0)
+    return time.perf_counter() - began
+
+
+def rigid_body_flights() -> None:
+    scenario = Scenario()
+    flown(scenario.replace(duration=1.0))
+    seconds = min(flown(scenario) for _ in range(3))
+    steps = scenario.duration / 0.005
+    bare = bare_step(Flock(POINT, scenario, "rigid_body", 1), 4000) * steps
+    row("rigid body, 30 drones, 600 s, step 0.005 s", seconds, "s", f"{scenario.duration / seconds:.0f}x real time")
+    row("  bare mj_step on the same model, as many calls", bare, "s")
+    row("  flight over bare mj_step", seconds / bare, "", "at most 1.25; first draft 1.5")
+
+
+def scaling() -> None:
+    per_drone = {}
+    for drones in (10, 30, 100, 300, 1000):
+        side = 500 * (drones / 30) ** 0.5
+        duration = max(2.0, round(600 / drones))
+        scenario = Scenario(drones=drones, arena_side=side, duration=duration)
+        per_drone[drones] = min(flown(scenario) for _ in range(3)) / (duration / 0.005) / drones * 1e6
+        ratio = per_drone[drones] / per_drone[30] if drones >= 30 else float("nan")
+        row(f"rigid body, step of one of {drones} drones", per_drone[drones], "us", f"{ratio:.2f} times that of 30")
+    print("  (300 at most 1.6 times 30)")
+
+
+def log_share() -> None:
+    scenario = Scenario()
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "flight.mcap"
+
+        def logged() -> None:
+            fly(POINT, scenario=scenario, log=log, keep_samples=False)
+
+        without = best_of(3, lambda: fly(POINT, scenario=scenario, keep_samples=False), time.process_time)
+        with_log = best_of(3, logged, time.process_time)
+        row("rigid body, 30 drones, 600 s, without a log, CPU", without, "s")
+        row("  with a log, CPU", with_log, "s", f"{log.stat().st_size / 1e6:.1f} MB")
+        row("  the log's share", (with_log - without) / without, "", "at most 0.1")
+
+
+def start_up() -> None:
+    def command(*arguments: str) -> None:
+        subprocess.run([MOFLOCK, *arguments], check=True, capture_output=True)
+
+    row("moflock --help", best_of(5, lambda: command("--help")), "s", "under 0.5")
+    seconds = best_of(3, lambda: command("fly", "--duration", "1", "--log", "none"))
+    row("a second moflock fly --duration 1", seconds, "s", "under 3")
+
+
+def main() -> None:
+    with contextlib.suppress(AttributeError, OSError):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    print(f"MuJoCo {mujoco.__version__}, NumPy {np.__version__}; one core; shortest of some runs\n")
+    for group in (point_mass_flights, rigid_body_flights, scaling, log_share, start_up):
+        group()
+
+
+if __name__ == "__main__":
+    main()
