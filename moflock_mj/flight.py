@@ -21,7 +21,7 @@ from moflock_mj.order_parameters import OrderParameters
 from moflock_mj.points import check_point
 from moflock_mj.scenario import Scenario
 
-_CHUNK = {"point_mass": 10.0, "rigid_body": 1.0}
+_CHUNK = {"point_mass": 10.0, "rigid_body": 5.0}
 """Simulated seconds between two looks at progress and Ctrl-C."""
 
 _LOGGED_CHUNK = 1.0

@@ -15,7 +15,6 @@ from moflock_mj.log_chunks import CHUNK_SIZE, ChunkWriter, message_record, messa
 from moflock_mj.log_scene import scene
 from moflock_mj.log_schemas import (
     CHANNELS,
-    DIGEST_SIZE,
     FITNESS_FIELDS,
     LOG_VERSION,
     ORDER_PARAMETER_FIELDS,
@@ -27,7 +26,7 @@ from moflock_mj.log_schemas import (
     metrics_record,
     points_record,
     schema_of,
-    state_digest,
+    state_digests,
     timestamps,
     transforms_record,
     varints,
@@ -128,7 +127,7 @@ class Encoder:
         if not count:
             return
         for first in range(0, count, self._most_ticks):
-            self._ticks(SampleBlock(*(array[first : first + self._most_ticks] for array in block)))
+            self._ticks(SampleBlock._make(array[first : first + self._most_ticks] for array in block))
         self._flush_in_time(int(block.time_ns[-1]))
 
     def event(self, event: FlightEvent) -> None:
@@ -150,16 +149,6 @@ class Encoder:
         if result is not None:
             self._file.add_metadata(RESULT_METADATA, result)
         self._file.finish()
-
-    def _flush_in_time(self, time_ns: int) -> None:
-        """Close the chunk if a program killed before its next block would otherwise lose more than a second.
-
-        What it loses is all that waits in the chunk and the block that it is flying, taken to be as long as the last.
-        """
-        if (time_ns - self._flushed) + (time_ns - self._written) > _SECOND:
-            self._file.flush()
-            self._flushed = time_ns
-        self._written = time_ns
 
     def _ticks(self, block: SampleBlock) -> None:
         """Add K ticks to the chunk: of each the points, perhaps the transforms, and the metrics."""
@@ -184,7 +173,7 @@ class Encoder:
         }
         for rows, place in zip((points, transforms, metrics), places.values(), strict=True):
             records[place] = row_bytes(rows)
-        self._file.add_records(records, np.repeat(time_ns, 3), places)
+        self._file.add_records(records, time_ns.repeat(3), places)
 
     def _flush_in_time(self, time_ns: int) -> None:
         """Close the chunk if a program killed before its next block would otherwise lose more than a second.
@@ -208,9 +197,7 @@ def _fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDA
     drones["rgba"] = STATUS_RGBA[block.status]
 
 
-def _fill_transforms(
-    messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], stamps: npt.NDArray[np.uint8]
-) -> None:
+def _fill_transforms(messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], stamps: npt.NDArray[np.uint8]) -> None:
     drones = messages["drones"]
     drones["stamp"] = stamps[:, None]
     drones["translation"]["value"] = qpos[..., :3]
@@ -223,8 +210,7 @@ def _fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, ticks: npt.NDA
     values = messages["values"]["value"]
     values[:, : len(ORDER_PARAMETER_FIELDS)] = block.order_parameters
     values[:, len(ORDER_PARAMETER_FIELDS) :] = block.fitness
-    digests = [state_digest(qpos, qvel) for qpos, qvel in zip(block.qpos, block.qvel, strict=True)]
-    messages["digest"] = np.frombuffer(b"".join(digests), np.uint8).reshape(-1, DIGEST_SIZE)
+    messages["digest"] = state_digests(block.qpos, block.qvel)
 
 
 def check_shapes(block: SampleBlock, drones: int) -> None:

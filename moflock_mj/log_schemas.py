@@ -52,7 +52,7 @@ STATUS_RGBA = np.array(
 
 _VARINT, _DOUBLE, _BYTES = 0, 1, 2  # protobuf's wire types
 _TAGGED_DOUBLE = np.dtype([("tag", "u1"), ("value", "<f8")])
-DIGEST_SIZE = 16
+_DIGEST_SIZE = 16
 # The five bytes of a padded varint: seven bits each, the lowest first, and a bit that says that more follow.
 _SEPTETS = np.arange(0, 35, 7)
 _MORE_FOLLOW = np.array([0x80, 0x80, 0x80, 0x80, 0])
@@ -103,15 +103,17 @@ def frame_name(drone: int, drones: int) -> str:
     return f"drone_{drone:0{max(2, len(str(drones - 1)))}d}"
 
 
-def state_digest(qpos: npt.NDArray[np.float64], qvel: npt.NDArray[np.float64]) -> bytes:
-    """Sixteen bytes that stand for one tick's exact state.
+def state_digests(qpos: npt.NDArray[np.float64], qvel: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+    """Sixteen bytes for each of K ticks that stand for its exact state, (K, 16).
 
     Args:
-        qpos: (N, 7), position m and quaternion wxyz.
-        qvel: (N, 6), velocity m/s and body rates rad/s.
+        qpos: (K, N, 7), position m and quaternion wxyz.
+        qvel: (K, N, 6), velocity m/s and body rates rad/s.
     """
-    state = qpos.astype("<f8", copy=False).tobytes() + qvel.astype("<f8", copy=False).tobytes()
-    return hashlib.blake2b(state, digest_size=DIGEST_SIZE).digest()
+    ticks, drones = qpos.shape[:2]
+    states = np.concatenate((qpos.reshape(ticks, 7 * drones), qvel.reshape(ticks, 6 * drones)), axis=1, dtype="<f8")
+    digests = b"".join([hashlib.blake2b(state, digest_size=_DIGEST_SIZE).digest() for state in states])
+    return np.frombuffer(digests, np.uint8).reshape(ticks, _DIGEST_SIZE)
 
 
 class WireRecord(NamedTuple):
@@ -158,7 +160,7 @@ def metrics_record() -> WireRecord:
     """`moflock.Metrics` with the fields `values` (order parameters, then fitness), `tick` and `digest`."""
     values = _doubles("values", len(ORDER_PARAMETER_FIELDS) + len(FITNESS_FIELDS))
     tick = _Piece(_tag(Metrics.TICK_FIELD_NUMBER, _VARINT))
-    digest = _Piece(bytes(DIGEST_SIZE), "digest", ("u1", (DIGEST_SIZE,)))
+    digest = _Piece(bytes(_DIGEST_SIZE), "digest", ("u1", (_DIGEST_SIZE,)))
     number = _Piece(bytes(len(_SEPTETS)), "tick", ("u1", len(_SEPTETS)))
     return _record(values, tick, number, *_message(Metrics.STATE_DIGEST_FIELD_NUMBER, digest))
 
@@ -173,10 +175,12 @@ def varints(values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
 
 def timestamps(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
     """Simulated times, (K,) ns, as the contents of `google.protobuf.Timestamp`, (K, 12)."""
-    fields = np.empty((len(time_ns), 2, 1 + len(_SEPTETS)), np.uint8)
+    seconds_nanos = np.empty((len(time_ns), 2), np.int64)
+    np.divmod(time_ns, 1_000_000_000, seconds_nanos[:, 0], seconds_nanos[:, 1])
+    fields = np.empty((len(time_ns), 2, 6), np.uint8)
     fields[..., 0] = _TIMESTAMP_TAGS
-    fields[..., 1:] = varints(np.stack(np.divmod(time_ns, 1_000_000_000), axis=-1))
-    return fields.reshape(len(time_ns), -1)
+    fields[..., 1:] = varints(seconds_nanos)
+    return fields.reshape(-1, 12)
 
 
 class _Piece(NamedTuple):

@@ -12,6 +12,7 @@ import fcntl
 import os
 import queue
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +26,7 @@ __all__ = ["Attachment", "FlightEvent", "FlightLog", "LogHeader", "SampleBlock"]
 
 # Items of some ten ticks each that may wait for the disk before the flight does.
 _QUEUE_LENGTH = 32
+_DISK_WAIT = 0.001  # s, between two looks whether it is shorter again
 
 
 class FlightLog:
@@ -56,7 +58,7 @@ class FlightLog:
             if isinstance(failure, OSError):
                 raise _log_error(self.path, failure) from failure
             raise
-        self._queue: queue.Queue[Any] = queue.Queue(_QUEUE_LENGTH)
+        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         # A daemon, so that a program that dies without closing its log does not wait for it for ever.
         self._thread = threading.Thread(target=self._run, name=f"log {self.path.name}", daemon=True)
         self._thread.start()
@@ -125,6 +127,9 @@ class FlightLog:
         self._raise_failure()
         if self._closed:
             raise ValueError(f"log: {self.path}: is closed")
+        # A queue with a bound would signal at every item, which takes longer than all else that the flight does here.
+        while self._queue.qsize() >= _QUEUE_LENGTH:
+            time.sleep(_DISK_WAIT)
         self._queue.put(item)
 
     def _raise_failure(self) -> None:

@@ -121,7 +121,7 @@ def _may_touch(plant: RigidBody, steps: int) -> bool:
 
 @hot_kernel
 def _push(plant: RigidBody, i: int, noise_x: float, noise_y: float) -> None:
-    """Apply the rotors' wrench, the outer noise and the drag to body i; then let the rotors follow their commands.
+    """Apply the rotors' wrench and the outer noise to body i; then let the rotors follow their commands.
 
     As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag.
     """
@@ -131,14 +131,19 @@ def _push(plant: RigidBody, i: int, noise_x: float, noise_y: float) -> None:
     force[i, 0] = 2 * (qx * qz + qw * qy) * total + plant.noise_force * noise_x
     force[i, 1] = 2 * (qy * qz - qw * qx) * total + plant.noise_force * noise_y
     force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total
-    if plant.drag > 0:
-        vx, vy, vz = plant.qvel[i, 0], plant.qvel[i, 1], plant.qvel[i, 2]
-        drag = plant.drag * sqrt(vx * vx + vy * vy + vz * vz)
-        force[i, 0] -= drag * vx
-        force[i, 1] -= drag * vy
-        force[i, 2] -= drag * vz
     for rotor in range(ROTORS):
         thrust[i, rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[i, rotor])
+
+
+@hot_kernel
+def _drag(plant: RigidBody, i: int) -> None:
+    """Add the drag of still air to the force on body i."""
+    qvel, force = plant.qvel, plant.qfrc_applied
+    vx, vy, vz = qvel[i, 0], qvel[i, 1], qvel[i, 2]
+    drag = plant.drag * sqrt(vx * vx + vy * vy + vz * vz)
+    force[i, 0] -= drag * vx
+    force[i, 1] -= drag * vy
+    force[i, 2] -= drag * vz
 
 
 @hot_kernel
@@ -208,8 +213,13 @@ def advance_rigid_bodies(
                 plant.observer[i],
                 plant.thrust_command[i],
             )
+        # A loop of its own: the two together compile to slower code.
+        for i in range(drones):
             _watch(plant, i)
             _push(plant, i, noise[k, 0, i], noise[k, 1, i])
+        if plant.drag > 0:
+            for i in range(drones):
+                _drag(plant, i)
         mj_step(model, plant.data)
         plant.extremes.steps[0] += 1
         if collisions:
@@ -250,7 +260,7 @@ class RigidBodyFlock:
         drones = scenario.drones
         self.model = flock_model(scenario.airframe, drones, step)
         self.model_apart = copy.copy(self.model)
-        self.model_apart.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.model_apart.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self.data = mujoco.MjData(self.model)
         gains = self.design.gains
         self.plant = RigidBody(
