@@ -42,7 +42,7 @@ from moflock_mj.log_schemas import WireRecord
 CHUNK_SIZE = 1 << 20  # bytes
 
 # Most of a log is the noise in the last bits of floats. On a flight of 30 drones, level 1 saves 3 % of the file and
-# level 3 another 0.5 %, for one and a half times and three times the time.
+# level 3 another 0.5 %, for one and a half times and more than twice the time.
 _ZSTD, _ZSTD_LEVEL = b"zstd", -1
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length of the rest, channel, sequence, log time, publish time
 _MESSAGE_FIELDS = [("head", "V11"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]

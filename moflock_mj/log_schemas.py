@@ -170,7 +170,8 @@ def varints(values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
 
     They always take five bytes, which protobuf allows, so that a message is equally long at all times.
     """
-    return ((values[..., None] >> _SEPTETS) & 0x7F | _MORE_FOLLOW).astype(np.uint8)
+    septets = (values[..., None] >> _SEPTETS) & 0x7F | _MORE_FOLLOW
+    return np.asarray(septets, np.uint8)
 
 
 def timestamps(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:

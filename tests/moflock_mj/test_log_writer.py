@@ -11,11 +11,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.records import Attachment as AttachmentRecord
 from mcap.records import Channel, Chunk, Message, Metadata
@@ -200,6 +202,51 @@ def test_messages_are_the_same_byte_for_byte(tmp_path, block):
     other = write_log(tmp_path / "other.mcap", some_flight(3, 45), block=block, transform_period=2)
     kept = [[m for m in raw_messages(path) if m[0] != list(CHANNELS).index("/sim/state") + 1] for path in (one, other)]
     assert kept[0] == kept[1]
+
+
+@pytest.mark.parametrize(("drones", "block"), [(1, 7), (30, 10), (1000, 25)])
+def test_the_indexes_lead_to_every_message(tmp_path, drones, block):
+    path = write_log(tmp_path / "a.mcap", some_flight(drones, 50), block=block, transform_period=3)
+    file = path.read_bytes()
+    summary = make_reader(io.BytesIO(file), validate_crcs=True).get_summary()
+    found = []
+    for index in summary.chunk_indexes:
+        chunk = next(
+            StreamReader(io.BytesIO(file[index.chunk_start_offset :]), skip_magic=True, emit_chunks=True).records
+        )
+        content = zstandard.decompress(chunk.data)
+        assert len(chunk.data) == index.compressed_size
+        times = []
+        for channel, offset in index.message_index_offsets.items():
+            entries = next(StreamReader(io.BytesIO(file[offset:]), skip_magic=True).records)
+            assert entries.channel_id == channel
+            times += [time_ns for time_ns, _ in entries.records]
+            for time_ns, place in entries.records:
+                message = next(StreamReader(io.BytesIO(content[place:]), skip_magic=True).records)
+                assert (message.channel_id, message.log_time) == (channel, time_ns)
+                found.append((time_ns, channel, message.data))
+        assert (chunk.message_start_time, chunk.message_end_time) == (min(times), max(times))
+    streamed = [r for r in StreamReader(io.BytesIO(file), validate_crcs=True).records if isinstance(r, Message)]
+    assert sorted(found) == sorted((m.log_time, m.channel_id, m.data) for m in streamed)
+    counts = summary.statistics.channel_message_counts
+    assert counts == dict(Counter(message.channel_id for message in streamed))
+    assert summary.statistics.message_count == len(streamed)
+
+
+def test_a_long_block_becomes_many_chunks(tmp_path):
+    flight = some_flight(1000, 60)
+    path = write_log(tmp_path / "a.mcap", flight, block=60)
+    with path.open("rb") as stream:
+        chunks = [r for r in StreamReader(stream, emit_chunks=True).records if isinstance(r, Chunk)]
+    assert max(chunk.uncompressed_size for chunk in chunks) < 2 << 20
+    assert [message.log_time for message, _ in decoded(path, "/swarm/points")] == flight.time_ns.tolist()
+
+
+def test_a_flight_faster_than_the_disk_waits(tmp_path, monkeypatch):
+    monkeypatch.setattr(log_writer, "_QUEUE_LENGTH", 1)
+    flight = some_flight(30, 200)
+    messages = decoded(write_log(tmp_path / "a.mcap", flight), "/metrics")
+    assert [metrics.tick for _, metrics in messages] == list(range(200))
 
 
 def recovered_times(path: Path) -> list[int]:
