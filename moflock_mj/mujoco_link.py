@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from ctypes.util import find_library
 from pathlib import Path
+from typing import cast
 
 import llvmlite.binding
 import mujoco
@@ -30,7 +31,7 @@ def _library() -> str:
 
 llvmlite.binding.load_library_permanently(_library())
 
-mj_step: Callable[[int, int], None] = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
+mj_step = cast("Callable[[int, int], None]", types.ExternalFunction("mj_step", types.void(types.intp, types.intp)))
 """`mj_step(model_address, data_address)`; inside kernels only. The addresses are `MjModel._address` and
 `MjData._address`; whoever passes them keeps both objects alive.
 """
