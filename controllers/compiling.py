@@ -65,8 +65,8 @@ def kernel(function: Function) -> Function:
 def hot_kernel(function: Function) -> Function:
     """Decorator of what runs for each drone at each step: as `kernel`, and always inlined.
 
-    Numba counts references to every row of an array that crosses a call, which costs more than a controller does; inlined,
-    it sees that it need not. Compiling takes longer, so that the rest of the project does without.
+    Numba counts references to every row of an array that crosses a call, which costs more than a controller does;
+    inlined, it sees that it need not. Compiling takes longer, so that the rest of the project does without.
     """
     return cast("Function", numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
 

@@ -83,7 +83,7 @@ def main() -> None:
         status = _refuse(str(problem))
     except typer.TyperException as problem:
         status = _refuse(problem.format_message())
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         status = 130
     except BrokenPipeError:
         sys.stderr.close()

@@ -41,9 +41,8 @@ def find_events(
     status = np.vstack([before[None], record.status])
     begins = status[1:] & ~status[:-1]
     events = []
-    for k, drone in np.argwhere(begins):
-        k, drone, flags = int(k), int(drone), int(begins[k, drone])
-        when = int(time_ns[k])
+    for k, drone in np.argwhere(begins).tolist():
+        flags, when = int(begins[k, drone]), int(time_ns[k])
         if flags & TOUCHED and touched_with is not None:
             other = int(touched_with[drone])
             what = "the ground" if other < 0 else f"drone {other}"

@@ -31,14 +31,15 @@ _FITNESS_OF = {"vel": "speed"}
 
 
 def log_path(asked: str | None, point: str, dynamics: str, seed: int) -> Path | None:
-    """Where a flight's log goes: where the user says, nowhere for "none", else a new file of logs/."""
+    """Where a flight's log goes: the file that the user names, nowhere for "none", else a new file of a folder."""
     if asked == "none":
         return None
-    if asked is not None:
-        return Path(asked if asked.endswith(".mcap") else f"{asked}.mcap")
+    folder = Path("logs") if asked is None else Path(asked)
+    if asked is not None and not asked.endswith("/") and not folder.is_dir():
+        return folder if folder.suffix == ".mcap" else Path(f"{asked}.mcap")
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     name = point if point in point_names() else Path(point).stem
-    return Path("logs") / f"{now}-{name}-{dynamics}-seed{seed}.mcap"
+    return folder / f"{now}-{name}-{dynamics}-seed{seed}.mcap"
 
 
 class _Rate(ProgressColumn):
@@ -60,7 +61,7 @@ def flight_progress(duration: float) -> Iterator[Told]:
         TextColumn("{task.fields[fitness]}"),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("preparing", total=duration, fitness="")
+        task = bar.add_task("preparing (a first flight compiles for some 20 s)", total=duration, fitness="")
 
         def told(flown: float, fitness: Fitness) -> None:
             if not bar.tasks[0].completed:
