@@ -17,7 +17,6 @@ BAD_INPUT = 2
 app = typer.Typer(
     name="moflock",
     help="Fly flocks of quadrotors on MuJoCo physics before they fly for real.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -78,7 +77,7 @@ def fly_command(
 def main() -> None:
     """Run the command line; errors that are the user's to mend become one line on stderr."""
     try:
-        status = app(standalone_mode=False)
+        status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except MoflockError as problem:
         status = _refuse(str(problem))
     except typer.TyperException as problem:
