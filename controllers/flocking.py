@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compiling import entry_kernel, implements, kernel
+from controllers.compiling import entry_kernel, hot_kernel, implements, kernel
 from controllers.policy import Sensed, SpeedLimits, desired_velocity
+from controllers.velocity import clip_length
 
 
 class FlockingParams(NamedTuple):
@@ -113,9 +114,43 @@ def _shill(
     return gain * ex, gain * ey
 
 
+@hot_kernel
+def flocking_velocity(params: FlockingParams, limits: SpeedLimits, sensed: Sensed, i: int) -> tuple[float, float]:
+    """What drone i wants before the cut to v_max, m/s, world: self-propulsion + repulsion + alignment + walls.
+
+    A policy that adds to flocking calls this too, and cuts afterwards.
+
+    Args:
+        params: the 12 parameters.
+        limits: speeds of the scenario, m/s.
+        sensed: what each drone knows.
+        i: number of the drone.
+    """
+    x, y = sensed.own_position[0, i], sensed.own_position[1, i]
+    vx, vy = sensed.own_velocity[0, i], sensed.own_velocity[1, i]
+    speed = sqrt(vx * vx + vy * vy)
+    cruise = limits.v_flock / speed if speed > 0 else 0.0
+    want_x, want_y = cruise * vx, cruise * vy
+    for k in range(sensed.neighbour_count[i]):
+        j = sensed.neighbours[i, k]
+        rx, ry = sensed.heard_position[0, j] - x, sensed.heard_position[1, j] - y
+        rep_x, rep_y = _repulsion(params, limits.v_rep_max, rx, ry)
+        frict_x, frict_y = _alignment(
+            params, rx, ry, sensed.heard_velocity[0, j] - vx, sensed.heard_velocity[1, j] - vy
+        )
+        want_x += rep_x + frict_x
+        want_y += rep_y + frict_y
+    for wall in range(sensed.wall_distance.shape[0]):
+        normal_x, normal_y = sensed.wall_normal[wall, 0, i], sensed.wall_normal[wall, 1, i]
+        shill_x, shill_y = _shill(params, sensed.wall_distance[wall, i], normal_x, normal_y, vx, vy)
+        want_x += shill_x
+        want_y += shill_y
+    return want_x, want_y
+
+
 @implements(desired_velocity, FlockingParams)
 def flock(params: FlockingParams, limits: SpeedLimits, sensed: Sensed, out: NDArray[np.float64]) -> None:
-    """Desired velocity of each drone: self-propulsion + repulsion + alignment + walls, cut to v_max.
+    """Desired velocity of each drone: `flocking_velocity`, cut to v_max.
 
     Args:
         params: the 12 parameters.
@@ -123,29 +158,9 @@ def flock(params: FlockingParams, limits: SpeedLimits, sensed: Sensed, out: NDAr
         sensed: what each drone knows.
         out: (2, N), m/s, world; written.
     """
-    x, y = sensed.own_position
-    vx, vy = sensed.own_velocity
-    heard_x, heard_y = sensed.heard_position
-    heard_vx, heard_vy = sensed.heard_velocity
-    for i in range(x.size):
-        speed = sqrt(vx[i] * vx[i] + vy[i] * vy[i])
-        cruise = limits.v_flock / speed if speed > 0 else 0.0
-        want_x, want_y = cruise * vx[i], cruise * vy[i]
-        for k in range(sensed.neighbour_count[i]):
-            j = sensed.neighbours[i, k]
-            rx, ry = heard_x[j] - x[i], heard_y[j] - y[i]
-            rep_x, rep_y = _repulsion(params, limits.v_rep_max, rx, ry)
-            frict_x, frict_y = _alignment(params, rx, ry, heard_vx[j] - vx[i], heard_vy[j] - vy[i])
-            want_x += rep_x + frict_x
-            want_y += rep_y + frict_y
-        for wall in range(sensed.wall_distance.shape[0]):
-            normal_x, normal_y = sensed.wall_normal[wall, 0, i], sensed.wall_normal[wall, 1, i]
-            shill_x, shill_y = _shill(params, sensed.wall_distance[wall, i], normal_x, normal_y, vx[i], vy[i])
-            want_x += shill_x
-            want_y += shill_y
-        want = sqrt(want_x * want_x + want_y * want_y)
-        cut = limits.v_max / want if want > limits.v_max else 1.0
-        out[0, i], out[1, i] = cut * want_x, cut * want_y
+    for i in range(out.shape[1]):
+        want_x, want_y = flocking_velocity(params, limits, sensed, i)
+        out[0, i], out[1, i] = clip_length(want_x, want_y, limits.v_max)
 
 
 decide = entry_kernel(flock)

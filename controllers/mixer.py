@@ -64,9 +64,11 @@ def mix(
     """
     lowest, highest = thrust_max, 0.0
     for rotor in range(ROTORS):
-        f = total / ROTORS + (mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y + mixer[rotor, 3] * torque_z)
+        tilting = total / ROTORS + (mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y)
+        f = tilting + mixer[rotor, 3] * torque_z
         thrust_command[rotor] = f
-        lowest, highest = min(lowest, f), max(highest, f)
+        # Without yaw it must fit as well: what is given up then never jumps.
+        lowest, highest = min(lowest, f, tilting), max(highest, f, tilting)
     if lowest < 0.0 or highest > thrust_max:
         _mix_saturated(mixer, thrust_max, total, torque_x, torque_y, torque_z, thrust_command)
 

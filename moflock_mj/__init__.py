@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from moflock_mj.errors import MoflockError
     from moflock_mj.fitness import Fitness
     from moflock_mj.flight import Flight, fly
+    from moflock_mj.log_reader import LoggedFlight, read_log
     from moflock_mj.order_parameters import OrderParameters
     from moflock_mj.points import load_point, paper_point
     from moflock_mj.scenario import Scenario
@@ -21,24 +22,28 @@ __all__ = [
     "Fitness",
     "Flight",
     "FlockingParams",
+    "LoggedFlight",
     "MoflockError",
     "OrderParameters",
     "Scenario",
     "fly",
     "load_point",
     "paper_point",
+    "read_log",
 ]
 
 _HOMES = {
     "Fitness": "moflock_mj.fitness",
     "Flight": "moflock_mj.flight",
     "FlockingParams": "controllers.flocking",
+    "LoggedFlight": "moflock_mj.log_reader",
     "MoflockError": "moflock_mj.errors",
     "OrderParameters": "moflock_mj.order_parameters",
     "Scenario": "moflock_mj.scenario",
     "fly": "moflock_mj.flight",
     "load_point": "moflock_mj.points",
     "paper_point": "moflock_mj.points",
+    "read_log": "moflock_mj.log_reader",
 }
 
 

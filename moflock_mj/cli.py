@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import enum
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from moflock_mj.errors import MoflockError
+
+if TYPE_CHECKING:
+    from moflock_mj.flight import Follower
+    from moflock_mj.flock import Flock
 
 BAD_INPUT = 2
 """Exit status of a command that was asked for what cannot be done."""
@@ -47,6 +52,9 @@ def fly_command(
     step: Annotated[float | None, typer.Option(help="Integration step, s.")] = None,
     airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
     log: Annotated[str | None, typer.Option(help="MCAP file, or none; by default a new file in logs/.")] = None,
+    live: Annotated[bool, typer.Option("--live", help="Show it to Foxglove or Lichtblick on this machine.")] = False,
+    port: Annotated[int, typer.Option(help="Of --live.", min=0, max=65535)] = 8765,
+    live_speed: Annotated[float, typer.Option(help="Of --live: simulated over real time.")] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> int:
     """Fly a flock, log it, and judge it."""
@@ -69,9 +77,100 @@ def fly_command(
             keep_samples=False,
             progress=progress,
             stop=interrupted,
+            followers=[_live_view(port, live_speed)] if live else [],
         )
     terminal.print_flight(flight, as_json=as_json)
     return 0 if flight.complete else terminal.INTERRUPTED
+
+
+def _live_view(port: int, speed: float) -> Callable[[Flock], Follower]:
+    """What makes the live view of a flock."""
+    from moflock_mj.live import LiveServer  # noqa: PLC0415
+
+    return lambda flock: LiveServer(flock, port=port, speed=speed)
+
+
+class Camera(enum.StrEnum):
+    """Where the video looks from."""
+
+    OVERVIEW = "overview"
+    CHASE = "chase"
+    TOP = "top"
+
+
+class Colour(enum.StrEnum):
+    """What a drone's colour tells."""
+
+    DANGER = "danger"
+    SPEED = "speed"
+
+
+_REPLAY_EXAMPLE = "Example: moflock replay logs/a.mcap --picture a.png --video a.mp4; moflock replay a.mcap --verify"
+
+
+@app.command("replay", epilog=_REPLAY_EXAMPLE)
+def replay_command(
+    logs: Annotated[list[Path], typer.Argument(help="A log, or two to be compared.", metavar="LOG [LOG]")],
+    verify: Annotated[bool, typer.Option("--verify", help="Fly it again and compare bit by bit.")] = False,
+    resume: Annotated[
+        float | None, typer.Option(help="Fly on from the stored state at or before this time, s.")
+    ] = None,
+    point: Annotated[str | None, typer.Option(help="Of --resume: fly on with this point.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Of --resume: seconds to fly on.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Of --resume and --recover: the MCAP file to be written.")] = None,
+    recover: Annotated[bool, typer.Option("--recover", help="Save what is intact of a broken log.")] = False,
+    viewer: Annotated[bool, typer.Option("--viewer", help="Play it in MuJoCo's viewer.")] = False,
+    video: Annotated[Path | None, typer.Option(help="Write a video, .mp4.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Write its curves and ways, .png, .svg or .pdf.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page with a 3D replay.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write its samples as CSV.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="Write its samples as Parquet.")] = None,
+    layouts: Annotated[Path | None, typer.Option(help="Write layouts for Foxglove and Rerun into this folder.")] = None,
+    camera: Annotated[Camera, typer.Option(help="Of the video.")] = Camera.OVERVIEW,
+    colour: Annotated[Colour, typer.Option(help="What the drones' colour tells.")] = Colour.DANGER,
+    fps: Annotated[int, typer.Option(help="Frames of the video a second.")] = 30,
+    speed: Annotated[float | None, typer.Option(help="Of the video: simulated over shown time.")] = None,
+    size: Annotated[str, typer.Option(help="Of the video, pixels.")] = "1280x720",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+) -> int:
+    """See, check or recover a flight from its log."""
+    from moflock_mj import replay  # noqa: PLC0415
+
+    modes = {"--verify": verify, "--resume": resume is not None, "--recover": recover}
+    chosen = [mode for mode, wanted in modes.items() if wanted]
+    if len(chosen) > 1:
+        raise MoflockError(f"replay: {' and '.join(chosen)} do not go together; it must be one")
+    if chosen and len(logs) > 1:
+        raise MoflockError(f"replay: {chosen[0]} of {len(logs)} logs; it must be one")
+    if verify:
+        return replay.verify_log(logs[0], as_json=as_json)
+    if resume is not None:
+        return replay.resume_log(logs[0], resume, point=point, duration=duration, log=log, as_json=as_json)
+    if recover:
+        return replay.recover_log(logs[0], log, as_json=as_json)
+    look = replay.Look(
+        viewer=viewer,
+        video=video,
+        picture=picture,
+        html=html,
+        csv=csv,
+        parquet=parquet,
+        layouts=layouts,
+        camera=camera.value,
+        colour=colour.value,
+        fps=fps,
+        speed=speed,
+        size=_size(size),
+    )
+    return replay.show_logs(logs, look, as_json=as_json)
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Width and height, pixels, of a text such as 1280x720."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise MoflockError(f"size: {text!r} is of the wrong type: it must be WIDTHxHEIGHT in pixels")
+    return int(width), int(height)
 
 
 def main() -> None:

@@ -23,3 +23,11 @@ class LogError(MoflockError):
 
 class FlightError(MoflockError):
     """A flight cannot go on, such as one whose state is no longer finite."""
+
+
+class RenderError(MoflockError):
+    """A flight cannot be drawn, or its picture or video cannot be written."""
+
+
+class SearchError(MoflockError):
+    """A search cannot be set up, run or resumed: its bounds, its objectives, its run directory or its workers."""

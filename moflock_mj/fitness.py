@@ -34,8 +34,8 @@ class Fitness(NamedTuple):
 
 def rising(phi: ArrayLike, phi0: float, width: float) -> NDArray[np.float64]:
     """The paper's F1: 0 below phi0 - width, 1 from phi0 on, half a cosine between."""
-    below = np.clip((np.asarray(phi) - phi0) / width, -1, 0)
-    return (1 + np.cos(np.pi * below)) / 2
+    below = np.minimum(np.maximum((np.asarray(phi) - phi0) / width, -1), 0)
+    return np.asarray((1 + np.cos(np.pi * below)) / 2)
 
 
 def gaussian(phi: ArrayLike, width: float) -> NDArray[np.float64]:

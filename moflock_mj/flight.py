@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from types import TracebackType
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +25,38 @@ from moflock_mj.scenario import Scenario
 _CHUNK = {"point_mass": 10.0, "rigid_body": 5.0}
 """Simulated seconds between two looks at progress and Ctrl-C."""
 
-_LOGGED_CHUNK = 1.0
-"""Simulated seconds that a log gets at once, which is also what a killed program loses."""
+_FOLLOWED_CHUNK = 1.0
+"""Simulated seconds that a log or a live view gets at once, which is also what a killed program loses."""
 
 Progress = Callable[[float, Fitness], None]
 """Told, now and then, the simulated time in s and the running fitness."""
+
+
+class Follower(Protocol):
+    """Something that is told of a flight while it is flown: its log, a live view."""
+
+    @property
+    def needs_states(self) -> bool:
+        """Whether the next samples are to be flown with whole states."""
+        ...
+
+    def store_state(self) -> None:
+        """Keep the whole state, if that is due: before the first samples and after each chunk."""
+        ...
+
+    def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
+        """Take some samples and the events in them."""
+        ...
+
+    def finish(self, record: Record) -> None:
+        """Take note of the flight's end, at the last of these samples."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
 
 
 class Samples(NamedTuple):
@@ -69,9 +97,9 @@ class BodyFigures(NamedTuple):
     saturated_share: float
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Flight:
-    """A flight that is over.
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class AnyFlight:
+    """What is known of a flight, whether it was flown just now or is read from its log.
 
     Attributes:
         params: the policy's parameters.
@@ -83,8 +111,6 @@ class Flight:
         fitness: of them.
         samples: the flight; None if they were not kept.
         events: touches, near misses, breaches, in order of time.
-        body: what only rigid bodies have; None for point masses.
-        wall_seconds: how long it took.
         log: where it is logged, or None.
     """
 
@@ -97,14 +123,25 @@ class Flight:
     fitness: Fitness
     samples: Samples | None
     events: tuple[FlightEvent, ...]
-    body: BodyFigures | None
-    wall_seconds: float
     log: Path | None
 
     @property
     def complete(self) -> bool:
         """Whether the flight lasted as long as its scenario."""
         return self.flown >= self.scenario.duration - 1e-9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Flight(AnyFlight):
+    """A flight that is over.
+
+    Attributes:
+        body: what only rigid bodies have; None for point masses.
+        wall_seconds: how long it took.
+    """
+
+    body: BodyFigures | None
+    wall_seconds: float
 
 
 def fly(
@@ -117,6 +154,7 @@ def fly(
     keep_samples: bool = True,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
+    followers: Sequence[Callable[[Flock], Follower]] = (),
 ) -> Flight:
     """Fly a flock.
 
@@ -129,48 +167,75 @@ def fly(
         keep_samples: whether the flight keeps its samples; an optimiser needs none.
         progress: told how far the flight is.
         stop: asked now and then; the flight ends, with a finished log, when it says True.
+        followers: others, made from the flock, that are told of the flight while it is flown.
 
     Raises:
         MoflockError: what was asked for cannot be flown, a state is no longer finite, or the log cannot be written.
     """
-    began = time.perf_counter()
-    params, scenario = check_point(params), scenario or Scenario()
-    flock = Flock(params, scenario, dynamics, seed)
+    flock = Flock(check_point(params), scenario or Scenario(), dynamics, seed)
+    return fly_on(flock, log=log, keep_samples=keep_samples, progress=progress, stop=stop, followers=followers)
+
+
+def fly_on(
+    flock: Flock,
+    *,
+    log: str | Path | None = None,
+    origin: Mapping[str, str] | None = None,
+    keep_samples: bool = True,
+    progress: Progress | None = None,
+    stop: Callable[[], bool] | None = None,
+    followers: Sequence[Callable[[Flock], Follower]] = (),
+) -> Flight:
+    """Fly a flock that stands at its start, or at a state that it was put into, to the end of its scenario.
+
+    Args:
+        flock: flies; must not be at its end.
+        log: as for `fly`.
+        origin: what the log's metadata say of where the flock's state comes from.
+        keep_samples: as for `fly`, and so are the other three.
+        progress: told how far the flight is.
+        stop: ends the flight.
+        followers: told of the flight.
+    """
+    began, scenario = time.perf_counter(), flock.scenario
     records: list[Record] = []
     events: list[FlightEvent] = []
+    before, first = flock.memory.tally.status.copy(), flock.samples
     with contextlib.ExitStack() as resources:
-        logger = None
         if log is not None:
             from moflock_mj.flight_log import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
 
-            logger = resources.enter_context(FlightLogger(log, flock, seed))
-        chunk = _LOGGED_CHUNK if logger else _CHUNK[dynamics]
-        before, samples = np.zeros(scenario.drones, np.uint8), 0
-        if logger:
-            logger.store_state()
+            followers = [lambda flown: FlightLogger(log, flown, origin or {}), *followers]
+        told = [resources.enter_context(make(flock)) for make in followers]
+        chunk = _FOLLOWED_CHUNK if told else _CHUNK[flock.dynamics]
+        for follower in told:
+            follower.store_state()
         while not flock.finished and not (records and stop is not None and stop()):
-            record = flock.fly(chunk, whole_states=logger is not None)
-            time_ns = sample_times(scenario, samples, len(record.nearest))
+            number = flock.samples
+            record = flock.fly(chunk, whole_states=any(follower.needs_states for follower in told))
+            if not len(record.nearest):
+                continue  # the samples are farther apart than a chunk is long
+            time_ns = sample_times(scenario, number, len(record.nearest))
             found = find_events(record, before, time_ns, flock.touched_with)
-            before, samples = record.status[-1], samples + len(record.nearest)
+            before = record.status[-1]
             events += found
-            if logger:
-                logger.write(time_ns, record, found)
-                logger.store_state()
+            for follower in told:
+                follower.write(time_ns, record, found)
+                follower.store_state()
             if progress:
                 progress(flock.time, final_fitness(record, scenario))
             records = [*records, record] if keep_samples else [record]
-        if logger:
-            logger.finish(records[-1])
+        for follower in told:
+            follower.finish(records[-1])
     return Flight(
-        params=params,
+        params=flock.params,
         scenario=scenario,
-        dynamics=dynamics,
-        seed=int(seed),
+        dynamics=flock.dynamics,
+        seed=flock.seed,
         flown=flock.time,
         order_parameters=final_order_parameters(records[-1]),
         fitness=final_fitness(records[-1], scenario),
-        samples=join_samples(records, scenario) if keep_samples else None,
+        samples=join_samples(records, scenario, first) if keep_samples else None,
         events=tuple(events),
         body=_body_figures(flock),
         wall_seconds=time.perf_counter() - began,
@@ -194,14 +259,14 @@ def final_fitness(record: Record, scenario: Scenario) -> Fitness:
     return fitness_of(final_order_parameters(record), scenario)
 
 
-def join_samples(records: list[Record], scenario: Scenario) -> Samples:
-    """The samples of consecutive records."""
+def join_samples(records: list[Record], scenario: Scenario, first: int) -> Samples:
+    """The samples of consecutive records, counted from number `first`."""
     joined = {
         name: np.concatenate([getattr(record, name) for record in records])
         for name in ("position", "velocity", "desired", "status", "nearest", "order_parameters")
     }
     return Samples(
-        t=np.asarray(sample_times(scenario, 0, len(joined["nearest"])) / 1e9, np.float64),
+        t=np.asarray(sample_times(scenario, first, len(joined["nearest"])) / 1e9, np.float64),
         position=joined["position"],
         velocity=joined["velocity"],
         desired_velocity=joined["desired"].swapaxes(1, 2),

@@ -6,6 +6,7 @@ import datetime
 import json
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
@@ -19,14 +20,19 @@ from moflock_mj.errors import LogError
 from moflock_mj.events import FlightEvent
 from moflock_mj.fitness import Fitness, fitness_of
 from moflock_mj.flock import Flock
-from moflock_mj.log_layout import viewer_layout
+from moflock_mj.log_layout import BLUEPRINT_FILE, BLUEPRINT_NAME, LAYOUT_NAME, viewer_layout
+from moflock_mj.log_schemas import LOG_VERSION, RUN_COPY
 from moflock_mj.log_writer import Attachment, FlightLog, LogHeader, SampleBlock
 from moflock_mj.loop import Record
 from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
 from moflock_mj.points import dump_point
+from moflock_mj.scenario import Scenario
 
 _STATE_PERIOD = 10.0
 """Simulated seconds between two whole states."""
+
+_MOST_DRAWN = 200
+"""Drones up to which the attached model shows rotors and arms; composing these takes the square of their number."""
 
 _SEVERITY = np.array(
     [3 if flags & TOUCHED else 2 if flags & CLOSE else 1 if flags & OUTSIDE else 0 for flags in range(8)], np.uint8
@@ -40,43 +46,46 @@ class FlightLogger:
     A flight that ends early, by Ctrl-C or because a state is no longer finite, leaves a finished log with its last
     seconds in it; only a log that cannot be written is removed.
 
+    Args:
+        path: where it is written.
+        flock: what it follows, from the state that the flock is in now.
+        origin: what the metadata say of where that state comes from.
+
     Raises:
         LogError: the log cannot be written.
     """
 
-    def __init__(self, path: str | Path, flock: Flock, seed: int) -> None:
+    def __init__(self, path: str | Path, flock: Flock, origin: Mapping[str, str]) -> None:
         self._flock = flock
         airframe = load_airframe(flock.scenario.airframe)
+        metadata = run_metadata(flock) | dict(origin)
         self._log = FlightLog(
             path,
             LogHeader(
-                metadata=run_metadata(flock, seed),
-                attachments=_attachments(flock),
+                metadata=metadata,
+                attachments=_attachments(flock, metadata),
                 outline=flock.arena.outline(),
                 altitude=flock.scenario.altitude,
                 drones=flock.scenario.drones,
                 radius=airframe.radius,
             ),
         )
-        self._next_state = 0.0
+        self._next_state = flock.time
         self._finished = False
+
+    @property
+    def needs_states(self) -> bool:
+        """Always: a log holds whole states."""
+        return True
 
     def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
         """Log some samples and the events in them."""
-        fitness = fitness_of(OrderParameters(*record.order_parameters.T), self._flock.scenario)
         for event in events:
             self._log.event(event)
-        self._log.write(
-            SampleBlock(
-                time_ns=time_ns,
-                qpos=record.qpos,
-                qvel=record.qvel,
-                desired_velocity=record.desired.swapaxes(1, 2),
-                status=_SEVERITY[record.status],
-                order_parameters=record.order_parameters,
-                fitness=np.stack(fitness, axis=1),
-            )
-        )
+        self._log.write(sample_block(time_ns, record, self._flock.scenario))
+        if self._flock.body is None:
+            # Point masses outrun the disk, and would lose more than a second to a kill.
+            self._log.settle()
 
     def finish(self, record: Record) -> None:
         """End the log with the figures of the last record."""
@@ -111,13 +120,27 @@ class FlightLogger:
             self._next_state += _STATE_PERIOD
 
 
-def run_metadata(flock: Flock, seed: int) -> dict[str, str]:
+def sample_block(time_ns: NDArray[np.int64], record: Record, scenario: Scenario) -> SampleBlock:
+    """Samples as a log holds them; time_ns: (K,), simulated time of each."""
+    fitness = fitness_of(OrderParameters(*record.order_parameters.T), scenario)
+    return SampleBlock(
+        time_ns=time_ns,
+        qpos=record.qpos,
+        qvel=record.qvel,
+        desired_velocity=record.desired.swapaxes(1, 2),
+        status=_SEVERITY[record.status],
+        order_parameters=record.order_parameters,
+        fitness=np.stack(fitness, axis=1),
+    )
+
+
+def run_metadata(flock: Flock) -> dict[str, str]:
     """All that is needed to fly this flight again, and when and on what it was flown."""
     return {
         "scenario": flock.scenario.to_toml(),
         "parameters": json.dumps(flock.params._asdict()),
         "dynamics": flock.dynamics,
-        "seed": str(seed),
+        "seed": str(flock.seed),
         "step": repr(flock.step),
         "moflock_version": version("moflock-mj"),
         "commit": _commit(),
@@ -131,15 +154,17 @@ def run_metadata(flock: Flock, seed: int) -> dict[str, str]:
     }
 
 
-def _attachments(flock: Flock) -> tuple[Attachment, ...]:
+def _attachments(flock: Flock, metadata: Mapping[str, str]) -> tuple[Attachment, ...]:
     scenario = flock.scenario
-    model = flock_spec(scenario.airframe, scenario.drones, flock.step, visuals=True)
+    model = flock_spec(scenario.airframe, scenario.drones, flock.step, visuals=scenario.drones <= _MOST_DRAWN)
     model.compile()
     return (
         Attachment("flock.xml", "application/xml", model.to_xml().encode()),
         Attachment("scenario.toml", "application/toml", scenario.to_toml().encode()),
         Attachment("parameters.json", "application/json", dump_point(flock.params).encode()),
-        Attachment("layout.json", "application/json", viewer_layout(scenario.arena_side)),
+        Attachment(RUN_COPY, "application/json", json.dumps({"log_version": str(LOG_VERSION), **metadata}).encode()),
+        Attachment(LAYOUT_NAME, "application/json", viewer_layout(scenario.arena_side)),
+        Attachment(BLUEPRINT_NAME, "application/gzip", BLUEPRINT_FILE.read_bytes()),
     )
 
 

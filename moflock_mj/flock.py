@@ -44,8 +44,9 @@ class Flock:
         self.arena = arena = SquareArena(scenario.arena_side)
         self.scenario = scenario
         self.dynamics = dynamics
+        self.seed = int(seed)
         self.step = scenario.step_for(dynamics)
-        self.streams = Streams.of(int(seed))
+        self.streams = Streams.of(self.seed)
         clocks = Clocks.of(scenario, self.step)
         world = start_world(scenario, self.streams.start)
         self.body = None
@@ -84,6 +85,11 @@ class Flock:
     def time(self) -> float:
         """Simulated time flown so far, s."""
         return self.beat * self.stages.clocks.steps_per_beat * self.step
+
+    @property
+    def samples(self) -> int:
+        """Samples taken so far, with that of the start."""
+        return self.beat // self.stages.clocks.sample_every + 1 if self.beat else 0
 
     @property
     def finished(self) -> bool:
@@ -158,12 +164,11 @@ class Flock:
         self.beat = beat
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array that changes in flight, by name."""
+        """Every array that changes in flight, by name, but for what is sensed anew before it is used."""
         memory = self.memory
         rooms: dict[str, Any] = {
             "world": memory.world,
             "sensor": memory.sensor_state,
-            "sensed": memory.sensed,
             "tally": memory.tally,
         }
         named = {f"{room}.{name}": array for room, held in rooms.items() for name, array in held._asdict().items()}

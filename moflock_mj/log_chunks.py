@@ -131,9 +131,9 @@ class ChunkWriter:
         self._open.append(_encoded(schema, channel))
         return number
 
-    def add_message(self, channel: int, time_ns: int, data: bytes) -> None:
+    def add_message(self, channel: int, time_ns: int, data: bytes, sequence: int = 0) -> None:
         """Add one message to the chunk that is open."""
-        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - _PREFIX + len(data), channel, 0, time_ns, time_ns)
+        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - _PREFIX + len(data), channel, sequence, time_ns, time_ns)
         self._open.entries[channel].append(_INDEX_ENTRY.pack(time_ns, self._open.size))
         self._open.reach(time_ns)
         self._open.append(head + data)

@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from moflock_mj.events import FlightEvent
 from moflock_mj.log_chunks import CHUNK_SIZE, ChunkWriter, message_record, message_rows, row_bytes
-from moflock_mj.log_scene import scene
+from moflock_mj.log_scene import arena_points, scene
 from moflock_mj.log_schemas import (
     CHANNELS,
     FITNESS_FIELDS,
@@ -119,6 +119,8 @@ class Encoder:
         self._most_ticks = max(1, CHUNK_SIZE // tick_size)
         still = scene(header.outline, header.altitude, header.drones, header.radius)
         self._file.add_message(self._channels["/scene"], 0, still.SerializeToString())
+        walls = arena_points(header.outline, header.altitude)
+        self._file.add_message(self._channels["/arena"], 0, walls.SerializeToString())
         self._file.flush()
 
     def block(self, block: SampleBlock) -> None:
@@ -132,11 +134,7 @@ class Encoder:
 
     def event(self, event: FlightEvent) -> None:
         """Write an event."""
-        seconds, nanos = divmod(event.time_ns, _SECOND)
-        name = "flock" if event.drone < 0 else frame_name(event.drone, self._drones)
-        message = Log(level=Log.Level.Value(event.level.upper()), message=event.message, name=name)
-        message.timestamp.seconds, message.timestamp.nanos = seconds, nanos
-        self._file.add_message(self._channels["/log"], event.time_ns, message.SerializeToString())
+        self._file.add_message(self._channels["/log"], event.time_ns, event_message(event, self._drones))
 
     def state(self, state: FlightState) -> None:
         """Write a state to resume from."""
@@ -159,11 +157,11 @@ class Encoder:
         self._tick += count
         stamps = timestamps(time_ns)
         points = message_rows(self._points, ticks, time_ns)
-        _fill_points(points["data"], block, stamps)
+        fill_points(points["data"], block, stamps)
         transforms = message_rows(self._transforms, ticks[posed], time_ns[posed])
-        _fill_transforms(transforms["data"], block.qpos[posed], stamps[posed])
+        fill_transforms(transforms["data"], block.qpos[posed], stamps[posed])
         metrics = message_rows(self._metrics, ticks, time_ns)
-        _fill_metrics(metrics["data"], block, ticks)
+        fill_metrics(metrics["data"], block, ticks)
         # Three places for every tick; that of the transforms is mostly left empty.
         records = [b""] * (3 * count)
         places = {
@@ -186,7 +184,16 @@ class Encoder:
         self._written = time_ns
 
 
-def _fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDArray[np.uint8]) -> None:
+def event_message(event: FlightEvent, drones: int) -> bytes:
+    """An event as `foxglove.Log`."""
+    name = "flock" if event.drone < 0 else frame_name(event.drone, drones)
+    message = Log(level=Log.Level.Value(event.level.upper()), message=event.message, name=name)
+    message.timestamp.seconds, message.timestamp.nanos = divmod(event.time_ns, _SECOND)
+    return bytes(message.SerializeToString())
+
+
+def fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDArray[np.uint8]) -> None:
+    """Fill K messages of `points_record`; stamps: those of the block's ticks, (K, 12)."""
     messages["stamp"] = stamps
     drones = messages["points"]
     # A body that has gone wild may leave what a float of four bytes can hold; that is infinity then.
@@ -197,7 +204,8 @@ def _fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDA
     drones["rgba"] = STATUS_RGBA[block.status]
 
 
-def _fill_transforms(messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], stamps: npt.NDArray[np.uint8]) -> None:
+def fill_transforms(messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], stamps: npt.NDArray[np.uint8]) -> None:
+    """Fill K messages of `transforms_record`; qpos: (K, N, 7); stamps: (K, 12)."""
     drones = messages["drones"]
     drones["stamp"] = stamps[:, None]
     drones["translation"]["value"] = qpos[..., :3]
@@ -205,7 +213,8 @@ def _fill_transforms(messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], 
     drones["rotation"]["value"][..., 3] = qpos[..., 3]
 
 
-def _fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, ticks: npt.NDArray[np.int64]) -> None:
+def fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, ticks: npt.NDArray[np.int64]) -> None:
+    """Fill K messages of `metrics_record`; ticks: their numbers, (K,)."""
     messages["tick"] = varints(ticks)
     values = messages["values"]["value"]
     values[:, : len(ORDER_PARAMETER_FIELDS)] = block.order_parameters

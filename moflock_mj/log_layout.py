@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 from moflock_mj.log_schemas import FITNESS_FIELDS, WORLD_FRAME
 
-_COLOURS = ("#42a5f5", "#ffca28", "#66bb6a", "#e51c34", "#ab47bc", "#26c6da", "#ffffff")
+CURVE_COLOURS = ("#42a5f5", "#ffca28", "#66bb6a", "#e51c34", "#ab47bc", "#26c6da", "#ffffff")
+
+PLOTS: tuple[tuple[str, tuple[str, ...], tuple[float, float] | None], ...] = (
+    ("Objectives (larger is better)", ("F_1", "F_2", "F_product"), (0.0, 1.0)),
+    ("The six fitnesses", FITNESS_FIELDS[:6], (0.0, 1.0)),
+    ("Order parameters", ("phi_wall", "phi_vel", "phi_cluster", "phi_disc"), None),
+    ("Correlation and collisions", ("phi_corr", "phi_coll"), None),
+)
+"""Of each plot its title, the fields of /metrics in it, and its bounds or None."""
+
+LAYOUT_NAME, BLUEPRINT_NAME = "layout.json", "blueprint.rbl.gz"
+"""The attachments for viewers: one for Foxglove and Lichtblick, one for Rerun, packed since it is mostly schemas."""
+
+BLUEPRINT_FILE = Path(__file__).with_name(BLUEPRINT_NAME)
+"""Rerun's blueprint, made by `rerun_blueprint`."""
+
 _UNITS = {
     "phi_wall": "m",
     "phi_vel": "m/s",
@@ -23,13 +39,11 @@ def viewer_layout(arena_side: float) -> bytes:
     Args:
         arena_side: m, how much the camera sees.
     """
-    parts = FITNESS_FIELDS[:6]
+    plots = {f"Plot!{number}": _plot(*plot) for number, plot in enumerate(PLOTS)}
+    first, second, third, fourth = plots
     panels = {
         "3D!flock": _flock_panel(arena_side),
-        "Plot!objectives": _plot("Objectives (larger is better)", ("F_1", "F_2", "F_product"), (0.0, 1.0)),
-        "Plot!fitness": _plot("The six fitnesses", parts, (0.0, 1.0)),
-        "Plot!order": _plot("Order parameters", ("phi_wall", "phi_vel", "phi_cluster", "phi_disc")),
-        "Plot!small": _plot("Correlation and collisions", ("phi_corr", "phi_coll")),
+        **plots,
         "RosOut!events": {"topicToRender": "/log", "searchTerms": [], "minLogLevel": 1},
     }
     layout = {
@@ -42,13 +56,18 @@ def viewer_layout(arena_side: float) -> bytes:
             _split("column", "3D!flock", "RosOut!events", 78),
             _split(
                 "column",
-                _split("column", "Plot!objectives", "Plot!fitness"),
-                _split("column", "Plot!order", "Plot!small"),
+                _split("column", first, second),
+                _split("column", third, fourth),
             ),
             62,
         ),
     }
     return json.dumps(layout, indent=1).encode()
+
+
+def curve_label(field: str) -> str:
+    """A field of /metrics with its unit."""
+    return f"{field} [{_UNITS[field]}]" if field in _UNITS else field
 
 
 def _split(direction: str, first: Any, second: Any, percentage: float = 50) -> dict[str, Any]:
@@ -83,25 +102,28 @@ def _flock_panel(arena_side: float) -> dict[str, Any]:
                 "decayTime": 0.0,
             },
             "/scene": {"visible": True},
+            # The same walls as dots, for viewers that draw no scene.
+            "/arena": {"visible": False},
         },
         "layers": {},
     }
 
 
-def _plot(title: str, fields: tuple[str, ...], limits: tuple[float, float] | None = None) -> dict[str, Any]:
+def _plot(title: str, fields: tuple[str, ...], limits: tuple[float, float] | None) -> dict[str, Any]:
     paths = [
         {
             "value": f"/metrics.{field}",
-            "label": f"{field} [{_UNITS[field]}]" if field in _UNITS else field,
+            "label": curve_label(field),
             "color": colour,
             "enabled": True,
             "timestampMethod": "receiveTime",
         }
-        for field, colour in zip(fields, _COLOURS, strict=False)
+        for field, colour in zip(fields, CURVE_COLOURS, strict=False)
     ]
     config: dict[str, Any] = {
+        # Foxglove and Lichtblick each have a key of their own.
         "foxglovePanelTitle": title,
-        "title": title,
+        "lichtblickPanelTitle": title,
         "paths": paths,
         "xAxisVal": "timestamp",
         "showXAxisLabels": True,
@@ -109,6 +131,7 @@ def _plot(title: str, fields: tuple[str, ...], limits: tuple[float, float] | Non
         "showLegend": True,
         "legendDisplay": "floating",
         "showPlotValuesInLegend": True,
+        "xAxisLabel": "time, s",
         "isSynced": True,
         "sidebarDimension": 240,
     }

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from moflock_mj.log_schemas import WORLD_FRAME, frame_name
+from moflock_mj.log_schemas import POINT_COLOURS, WORLD_FRAME, frame_name
 
 _GROUND = (0.36, 0.40, 0.36, 1.0)
 _WALL = (0.35, 0.65, 0.95, 0.12)
@@ -18,6 +20,10 @@ _TEXT = (0.95, 0.95, 0.95, 1.0)
 _BODY = (0.25, 0.27, 0.30, 1.0)
 _ROTOR = (0.75, 0.80, 0.85, 0.8)
 _NOSE = (0.90, 0.11, 0.20, 1.0)
+
+_DOT = (118, 128, 140, 255)  # a drone that is fine is as blue as the walls
+_WALL_POINT = np.dtype([("place", "<f4", (3,)), ("rgba", "u1", (4,))])
+_POINTS_PER_WALL = 60
 
 
 def scene(outline: npt.NDArray[np.float64], altitude: float, drones: int, radius: float) -> Any:
@@ -40,6 +46,31 @@ def scene(outline: npt.NDArray[np.float64], altitude: float, drones: int, radius
         body.frame_locked = True
         _airframe(body, radius)
     return update
+
+
+def arena_points(outline: npt.NDArray[np.float64], altitude: float) -> Any:
+    """The arena's edges as dots, a `foxglove.PointCloud`: Rerun, which draws no scene, draws this.
+
+    Args:
+        outline: (M, 2), m, world, corners of the arena's wall in order.
+        altitude: m, at which the flock flies.
+    """
+    share = np.linspace(0, 1, _POINTS_PER_WALL, endpoint=False)[:, None]
+    walls = zip(outline, np.roll(outline, -1, axis=0), strict=True)
+    ring = np.concatenate([(1 - share) * a + share * b for a, b in walls])
+    points = np.zeros((3, len(ring)), _WALL_POINT)
+    points["place"][..., :2] = ring
+    points["place"][..., 2] = np.array([[0.0], [altitude], [2.0 * altitude]])
+    points["rgba"] = _DOT
+    cloud = PointCloud(frame_id=WORLD_FRAME, point_stride=_WALL_POINT.itemsize, data=points.tobytes())
+    cloud.timestamp.SetInParent()
+    cloud.pose.position.SetInParent()
+    cloud.pose.orientation.w = 1.0
+    for place, name in enumerate("xyz"):
+        cloud.fields.add(name=name, offset=4 * place, type=PackedElementField.FLOAT32)
+    for place, name in enumerate(POINT_COLOURS):
+        cloud.fields.add(name=name, offset=12 + place, type=PackedElementField.UINT8)
+    return cloud
 
 
 def _entity(update: Any, name: str, frame: str = WORLD_FRAME) -> Any:

@@ -26,7 +26,10 @@ from mcap_protobuf.schema import build_file_descriptor_set
 # Rises when a reader made for the older layout would misread the newer one; stands as `log_version` in the metadata.
 LOG_VERSION = 1
 RUN_METADATA = "moflock.run"
+RUN_COPY = "run.json"  # the same as an attachment, because that has a checksum
 RESULT_METADATA = "moflock.result"
+# Entries of `moflock.run` in a log that begins in the middle of a flight: when, in s, and in the middle of which log's.
+RESUMED_AT, RESUMED_FROM = "resumed_at", "resumed_from"
 WORLD_FRAME = "world"
 
 ORDER_PARAMETER_FIELDS = ("phi_wall", "phi_vel", "phi_corr", "phi_coll", "phi_disc", "phi_cluster")
@@ -80,7 +83,7 @@ def _own_messages() -> tuple[Any, Any]:
 
 Metrics, SimState = _own_messages()
 
-# In the order of their channel ids, 1 to 6, which is the same in every log.
+# In the order of their channel ids, 1 to 7, which is the same in every log.
 CHANNELS: dict[str, Any] = {
     "/swarm/points": PointCloud,
     "/tf": FrameTransforms,
@@ -88,6 +91,7 @@ CHANNELS: dict[str, Any] = {
     "/log": Log,
     "/scene": SceneUpdate,
     "/sim/state": SimState,
+    "/arena": PointCloud,
 }
 
 
@@ -135,6 +139,8 @@ class WireRecord(NamedTuple):
 def points_record(drones: int) -> WireRecord:
     """`foxglove.PointCloud` with the fields `stamp` and `points`, (N,) of POINT."""
     cloud = PointCloud(frame_id=WORLD_FRAME, point_stride=POINT.itemsize)
+    # Rerun takes a pose without a position for a broken one.
+    cloud.pose.position.SetInParent()
     cloud.pose.orientation.w = 1.0
     for place, name in enumerate(POINT_FLOATS):
         cloud.fields.add(name=name, offset=4 * place, type=PackedElementField.FLOAT32)

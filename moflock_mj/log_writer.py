@@ -12,7 +12,6 @@ import fcntl
 import os
 import queue
 import threading
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -23,10 +22,6 @@ from moflock_mj.events import FlightEvent
 from moflock_mj.log_encoder import Attachment, Encoder, FlightState, LogHeader, SampleBlock, check_shapes
 
 __all__ = ["Attachment", "FlightEvent", "FlightLog", "LogHeader", "SampleBlock"]
-
-# Items of some ten ticks each that may wait for the disk before the flight does.
-_QUEUE_LENGTH = 32
-_QUEUE_WAIT = 0.005  # s, between two looks whether there is room again
 
 
 class FlightLog:
@@ -59,6 +54,7 @@ class FlightLog:
                 raise _log_error(self.path, failure) from failure
             raise
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._idle = threading.Semaphore()
         # A daemon, so that a program that dies without closing its log does not wait for it for ever.
         self._thread = threading.Thread(target=self._run, name=f"log {self.path.name}", daemon=True)
         self._thread.start()
@@ -66,12 +62,24 @@ class FlightLog:
     def write(self, block: SampleBlock) -> None:
         """Hand over sample ticks, which follow those handed over before.
 
+        Waits until the block before is on the disk, so that a flight never gets far ahead of what survives it.
+
         Raises:
             ValueError: an array has the wrong shape.
             LogError: the log could not be written.
         """
         check_shapes(block, self._drones)
-        self._put(block)
+        self._idle.acquire()
+        try:
+            self._put(block)
+        except BaseException:
+            self._idle.release()
+            raise
+
+    def settle(self) -> None:
+        """Wait until all blocks are on the disk."""
+        with self._idle:
+            self._raise_failure()
 
     def event(self, event: FlightEvent) -> None:
         """Record an event, in the place where it comes between the blocks."""
@@ -127,9 +135,6 @@ class FlightLog:
         self._raise_failure()
         if self._closed:
             raise ValueError(f"log: {self.path}: is closed")
-        # A queue with a bound of its own signals at every item; a quarter of the log's time went into that.
-        while self._queue.qsize() >= _QUEUE_LENGTH:
-            time.sleep(_QUEUE_WAIT)
         self._queue.put(item)
 
     def _raise_failure(self) -> None:
@@ -153,6 +158,8 @@ class FlightLog:
                     self._handle(item)
                 except Exception as failure:
                     self._failure = failure
+            if isinstance(item, SampleBlock):
+                self._idle.release()
             if item is None or isinstance(item, _Finish):
                 return
 

@@ -19,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from moflock_mj.fitness import Fitness
-from moflock_mj.flight import Flight
+from moflock_mj.flight import AnyFlight, Flight
 from moflock_mj.flight import Progress as Told
 from moflock_mj.points import point_names
 
@@ -72,6 +72,15 @@ def flight_progress(duration: float) -> Iterator[Told]:
 
 
 @contextlib.contextmanager
+def share_progress(what: str) -> Iterator[Callable[[float], None]]:
+    """A progress bar on stderr, if that is a terminal, told the share that is done, from 0 to 1."""
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+@contextlib.contextmanager
 def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
     """Turn the first Ctrl-C (or SIGTERM) into a wish to stop; a second one breaks off at once."""
     wish = threading.Event()
@@ -96,7 +105,7 @@ def print_flight(flight: Flight, *, as_json: bool) -> None:
         return
     console = Console()
     console.print(_head_line(flight), highlight=False)
-    console.print(_figures(flight))
+    console.print(figures_table(flight))
     for line in _closing_lines(flight):
         console.print(line, highlight=False, soft_wrap=True)
 
@@ -129,7 +138,8 @@ def _head_line(flight: Flight) -> str:
     )
 
 
-def _figures(flight: Flight) -> Table:
+def figures_table(flight: AnyFlight) -> Table:
+    """A flight's order parameters and fitness."""
     table = Table("order parameter", "value", "", "fitness", "value")
     for column in (1, 4):
         table.columns[column].justify = "right"
@@ -156,5 +166,6 @@ def _closing_lines(flight: Flight) -> list[str]:
     if flight.log:
         lines.append(f"log: {flight.log}")
     if not flight.complete:
-        lines.append(f"interrupted at {flight.flown:g} s of {flight.scenario.duration:g} s; the log is finished")
+        end = "; the log is finished" if flight.log else ""
+        lines.append(f"interrupted at {flight.flown:g} s of {flight.scenario.duration:g} s{end}")
     return lines

@@ -114,7 +114,7 @@ def main() -> int:
         print(f"{name:14}" + "".join(f"{cell:9.2f}" for cell in cells), flush=True)
     squares, differences = mean_squares(comparisons), mean_differences(comparisons)
     cells = [*squares.values(), *differences.values()]
-    print(f"{'mean square':14}" + "".join(f"{cell:9.2f}" for cell in cells) + "   (last two: mean absolute)")
+    print(f"{'mean square':14}" + "".join(f"{cell:9.3f}" for cell in cells) + "   (last two: mean absolute)")
     good = all(value <= MEAN_SQUARE_LIMIT for value in squares.values())
     good &= all(value < F_LIMIT[f] for f, value in differences.items())
     print(f"limits: {MEAN_SQUARE_LIMIT} each; {', '.join(f'{f} {limit}' for f, limit in F_LIMIT.items())}")

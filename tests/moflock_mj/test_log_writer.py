@@ -243,10 +243,21 @@ def test_a_long_block_becomes_many_chunks(tmp_path):
 
 
 def test_a_flight_faster_than_the_disk_waits(tmp_path, monkeypatch):
-    monkeypatch.setattr(log_writer, "_QUEUE_LENGTH", 1)
-    flight = some_flight(30, 200)
-    messages = decoded(write_log(tmp_path / "a.mcap", flight), "/metrics")
-    assert [metrics.tick for _, metrics in messages] == list(range(200))
+    written = []
+    quick = log_writer.Encoder.block
+
+    def slow(self, block):
+        time.sleep(0.01)
+        quick(self, block)
+        written.append(block)
+
+    monkeypatch.setattr(log_writer.Encoder, "block", slow)
+    with FlightLog(tmp_path / "a.mcap", header(3)) as log:
+        for number, block in enumerate(cut(some_flight(3, 40), 10)):
+            log.write(block)
+            assert len(written) >= number
+        log.settle()
+        assert len(written) == 4
 
 
 def recovered_times(path: Path) -> list[int]:

@@ -1,0 +1,110 @@
+"""The video's frames, decoded again; and the viewer's clock."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from moflock_mj import Scenario, fly, paper_point
+from moflock_mj.errors import RenderError
+from moflock_mj.viewer import Player, show
+
+av = pytest.importorskip("av", reason="PyAV is not installed: the extra `video`")
+
+from moflock_mj.video import find_gl, render_video  # noqa: E402 - after the extra is known to be there
+
+try:
+    find_gl()
+    HAS_GL = True
+except RenderError:
+    HAS_GL = False
+
+needs_gl = pytest.mark.skipif(not HAS_GL, reason="no EGL and no OSMesa: apt-get install libegl1 libosmesa6")
+SCENARIO = Scenario(drones=4, duration=2.0, arena_side=60.0)
+
+
+def flown(point="A"):
+    return fly(paper_point(point), scenario=SCENARIO, dynamics="point_mass")
+
+
+def frames_of(path):
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+@needs_gl
+@pytest.mark.parametrize(("camera", "colour"), [("overview", "danger"), ("chase", "speed"), ("top", "speed")])
+def test_a_video_shows_the_flight(tmp_path, camera, colour):
+    told = []
+    out = tmp_path / "v.mp4"
+    render_video(
+        [flown()], out, camera=camera, colour=colour, fps=5, size=(320, 180), processes=1, progress=told.append
+    )
+    frames = frames_of(out)
+    assert len(frames) == 10
+    assert frames[0].shape == (180, 320, 3)
+    assert told[-1] == 1
+    assert all(frame.std() > 5 for frame in frames)
+    assert np.abs(frames[-1].astype(int) - frames[0]).max() > 60
+    assert [path.name for path in tmp_path.iterdir()] == ["v.mp4"]
+
+
+@needs_gl
+def test_two_flights_share_a_video(tmp_path):
+    render_video([flown("A"), flown("B")], tmp_path / "v.mp4", fps=2, size=(320, 180), processes=2)
+    assert len(frames_of(tmp_path / "v.mp4")) == 4
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"fps": 0}, "fps: 0"),
+        ({"speed": -1.0}, "speed: -1"),
+        ({"size": (321, 180)}, "size: 321x180"),
+        ({"camera": "side"}, "camera: 'side'"),
+        ({"colour": "red"}, "colour"),
+    ],
+)
+def test_bad_settings_are_refused_and_leave_nothing(tmp_path, settings, words):
+    with pytest.raises(RenderError, match=words):
+        render_video([flown()], tmp_path / "v.mp4", processes=1, **settings)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_gl_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "nothing")
+    with pytest.raises(RenderError, match="no GL: nothing failed"):
+        render_video([flown()], tmp_path / "v.mp4", processes=1)
+    assert list(tmp_path.iterdir()) == []
+    assert os.environ["MUJOCO_GL"] == "nothing"
+
+
+def test_the_viewer_needs_a_display(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(RenderError, match="there is no display"):
+        show([flown()])
+
+
+def test_the_viewers_clock_runs_rests_and_leaps():
+    player = Player(0.0, 20.0)
+    player.advance(1.5)
+    assert player.time == 1.5
+    player.press(32)
+    player.advance(1.0)
+    assert player.time == 1.5
+    player.press(262)
+    assert player.time == 6.5
+    player.press(263)
+    player.press(263)
+    assert player.time == 0.0
+    player.press(32)
+    player.press(265)
+    player.advance(5.0)
+    assert player.time == 10.0
+    player.advance(100.0)
+    assert (player.time, player.runs) == (20.0, False)
+    player.press(268)
+    assert player.time == 0.0
