@@ -112,7 +112,7 @@ def _fitting(playback: Playback, aspect: float, azimuth: float, elevation: float
     strays = places[(np.abs(places[:, :2]) < reach).all(axis=1)]
     points = np.concatenate([np.array(corners), strays])
     view = View(np.zeros(3), 10.0 * float(np.abs(points).max()), azimuth, elevation)
-    # Each turn centres what is seen and comes as near as it then may; perspective lets it converge, not succeed at once.
+    # Each turn centres what is seen and comes as near as it may; perspective lets it converge, not succeed at once.
     for _ in range(30):
         seen, _ = view.place(points)
         low, high = seen.min(axis=0), seen.max(axis=0)

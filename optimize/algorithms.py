@@ -1,0 +1,200 @@
+"""Where new points come from: adapters over pymoo and pycma that are stepped by hand.
+
+Each sees the unit cube and objectives to be maximised, draws its random numbers from a seed of its own, and keeps its
+state to itself, so that asking and telling the same gives the same.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moflock_mj.errors import SearchError
+
+DIMENSIONS = 12
+
+Judge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Gives the objectives (n, K), to be maximised, of points (n, 12) that have flown, as they are judged by now."""
+
+
+class Algorithm(Protocol):
+    """Breeds points."""
+
+    def ask(self) -> NDArray[np.float64]:
+        """New points (n, 12), in the unit cube unless it is unbounded."""
+        ...
+
+    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
+        """Learn from the points last asked for.
+
+        Args:
+            judge: of these, and of all that were asked for before, whose judgement may have changed.
+            leaders: (m, 12), the best of all points so far; may be used.
+        """
+        ...
+
+    def favourites(self) -> NDArray[np.float64]:
+        """Points (m, 12) that it would like to be flown though it has not asked for them; mostly none."""
+        ...
+
+
+def make_algorithm(name: str, objectives: int, population: int, seed: int, *, unbounded: bool = False) -> Algorithm:
+    """The algorithm of a name, of ALGORITHMS.
+
+    Args:
+        name: see above.
+        objectives: K.
+        population: points per generation.
+        seed: of its random numbers.
+        unbounded: whether it may leave the cube.
+    """
+    if name == "cmaes":
+        return CovarianceAdaptation(population, seed, unbounded=unbounded)
+    if name == "pso":
+        return Swarm(objectives, population, seed)
+    return Evolution(name, objectives, population, seed)
+
+
+class Evolution:
+    """pymoo's genetic algorithms, with SBX (0.9, 15) and polynomial mutation (20).
+
+    Args:
+        name: "nsga2" (Deb et al. 2002) or "smsemoa" (Beume, Naujoks and Emmerich 2007).
+        objectives: K.
+        population: points that survive, and that are bred, in a generation.
+        seed: of its random numbers.
+    """
+
+    def __init__(self, name: str, objectives: int, population: int, seed: int) -> None:
+        from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - pymoo takes a second to load
+        from pymoo.algorithms.moo.sms import SMSEMOA  # noqa: PLC0415
+        from pymoo.operators.crossover.sbx import SBX  # noqa: PLC0415
+        from pymoo.operators.mutation.pm import PM  # noqa: PLC0415
+
+        kinds = {"nsga2": NSGA2, "smsemoa": SMSEMOA}
+        self._algorithm = kinds[name](
+            pop_size=population,
+            crossover=SBX(prob=0.9, eta=15),
+            mutation=PM(eta=20),
+            termination=_never(),
+            seed=seed,
+        )
+        self._algorithm.setup(_cube(objectives))
+        self._bred: Any = None
+
+    def ask(self) -> NDArray[np.float64]:
+        """See `Algorithm`."""
+        self._bred = self._algorithm.ask()
+        if self._bred is None:
+            raise SearchError("algorithm: it has no new points to offer; the bounds are too narrow")
+        return np.array(self._bred.get("X"), np.float64)
+
+    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
+        """See `Algorithm`. Parents are judged anew; leaders that died out, unlucky in some generation, come back."""
+        from pymoo.core.population import Population  # noqa: PLC0415
+
+        told = self._bred
+        parents = self._algorithm.pop
+        if parents is not None and len(parents):
+            parents.set("F", -judge(parents.get("X")))
+            known = {point.tobytes() for point in np.concatenate([parents.get("X"), told.get("X")])}
+            lost = [point for point in leaders if point.tobytes() not in known]
+            if lost:
+                told = Population.merge(told, Population.new(X=np.array(lost)))
+        told.set("F", -judge(told.get("X")))
+        self._algorithm.tell(infills=told)
+
+    def favourites(self) -> NDArray[np.float64]:
+        """See `Algorithm`."""
+        return np.empty((0, DIMENSIONS))
+
+
+class Swarm:
+    """pymoo's adaptive particle swarm (Kennedy and Eberhart 1995), for one objective.
+
+    Args:
+        objectives: must be 1.
+        population: particles.
+        seed: of its random numbers.
+    """
+
+    def __init__(self, objectives: int, population: int, seed: int) -> None:
+        from pymoo.algorithms.soo.nonconvex.pso import PSO  # noqa: PLC0415
+
+        self._algorithm = PSO(pop_size=population, termination=_never(), seed=seed)
+        self._algorithm.setup(_cube(objectives))
+        self._flown: Any = None
+
+    def ask(self) -> NDArray[np.float64]:
+        """See `Algorithm`."""
+        self._flown = self._algorithm.ask()
+        return np.array(self._flown.get("X"), np.float64)
+
+    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:  # noqa: ARG002
+        """See `Algorithm`. The particles' own bests are judged anew."""
+        bests = self._algorithm.pop
+        if bests is not None and len(bests):
+            bests.set("F", -judge(bests.get("X")))
+        self._flown.set("F", -judge(self._flown.get("X")))
+        self._algorithm.tell(infills=self._flown)
+
+    def favourites(self) -> NDArray[np.float64]:
+        """See `Algorithm`."""
+        return np.empty((0, DIMENSIONS))
+
+
+class CovarianceAdaptation:
+    """pycma's CMA-ES (Hansen and Ostermeier 2001) from the cube's middle with sigma 0.3, for one objective.
+
+    Args:
+        population: points per generation.
+        seed: of its random numbers.
+        unbounded: whether it may leave the cube.
+    """
+
+    def __init__(self, population: int, seed: int, *, unbounded: bool) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # matplotlib is optional to it, and is none of ours
+            import cma  # noqa: PLC0415
+
+        rng = np.random.default_rng(seed)
+        options: dict[str, Any] = {
+            "popsize": population,
+            "bounds": None if unbounded else [0, 1],
+            # With a seed of its own it would seed NumPy's global generator.
+            "randn": lambda *shape: rng.standard_normal(shape),
+            "seed": np.nan,
+            "verbose": -9,
+            "maxiter": np.inf,
+        }
+        self._strategy = cma.CMAEvolutionStrategy(np.full(DIMENSIONS, 0.5), 0.3, options)
+        self._points: list[NDArray[np.float64]] = []
+
+    def ask(self) -> NDArray[np.float64]:
+        """See `Algorithm`."""
+        self._points = self._strategy.ask()
+        return np.array(self._points)
+
+    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:  # noqa: ARG002
+        """See `Algorithm`."""
+        self._strategy.tell(self._points, (-judge(np.array(self._points))[:, 0]).tolist())
+
+    def favourites(self) -> NDArray[np.float64]:
+        """The middle of its distribution, which it never flies itself."""
+        return np.array([self._strategy.result.xfavorite], np.float64)
+
+
+def _cube(objectives: int) -> Any:
+    from pymoo.core.problem import Problem  # noqa: PLC0415
+
+    return Problem(n_var=DIMENSIONS, n_obj=objectives, xl=0.0, xu=1.0)
+
+
+def _never() -> Any:
+    from pymoo.core.termination import NoTermination  # noqa: PLC0415
+
+    return NoTermination()

@@ -1,0 +1,158 @@
+"""One evaluation: a point flown on its seeds."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import socket
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.flocking import FlockingParams
+from moflock_mj.errors import PointError
+from moflock_mj.flight import Flight, fly
+from moflock_mj.points import check_point, paper_point
+from moflock_mj.scenario import Scenario
+from optimize.coverage import coverage
+from optimize.objectives import FITNESS_NAMES
+
+OK = "ok"
+"""The outcome of an evaluation that is what it should be."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Job:
+    """What is the same for all evaluations of a search.
+
+    Attributes:
+        scenario: what is flown.
+        dynamics: "point_mass" or "rigid_body".
+        coverage: whether fitness gets the coverage as a seventh column.
+        timeout: s, bound of the wall time of one evaluation; None for none.
+    """
+
+    scenario: Scenario
+    dynamics: str
+    coverage: bool = False
+    timeout: float | None = None
+
+
+class Task(NamedTuple):
+    """One point to be flown on some seeds.
+
+    Attributes:
+        number: of the evaluation in its search, from 0.
+        params: the point.
+        seeds: (S,), one flight each.
+    """
+
+    number: int
+    params: FlockingParams
+    seeds: tuple[int, ...]
+
+
+class Evaluation(NamedTuple):
+    """What came of a task.
+
+    Attributes:
+        number: the task's.
+        params: the task's.
+        seeds: the task's.
+        order_parameters: (S, 6), in the order of OrderParameters; NaN if the outcome is not ok.
+        fitness: (S, 6) in the order of FITNESS_NAMES, or (S, 7) with coverage; 0, the worst, if the outcome is not ok.
+        seconds: s, wall time.
+        worker: who flew it.
+        outcome: "ok", or one line that says why not.
+    """
+
+    number: int
+    params: FlockingParams
+    seeds: tuple[int, ...]
+    order_parameters: NDArray[np.float64]
+    fitness: NDArray[np.float64]
+    seconds: float
+    worker: str
+    outcome: str
+
+
+def evaluate(job: Job, task: Task) -> Evaluation:
+    """Fly a task's point on each of its seeds.
+
+    A point that no policy can fly is an infeasible evaluation; so is a fitness that is not finite.
+
+    Raises:
+        TimeoutError: the flights took longer than the job allows.
+        Exception: a flight failed.
+    """
+    began = time.perf_counter()
+    try:
+        params = check_point(task.params)
+    except PointError as problem:
+        return infeasible(job, task, str(problem))
+    flights = [_fly_in_time(job, params, seed, began) for seed in task.seeds]
+    fitness = np.array([_fitness_row(job, flight) for flight in flights])
+    if not np.isfinite(fitness).all():
+        return infeasible(job, task, "a fitness is not finite")
+    return Evaluation(
+        number=task.number,
+        params=task.params,
+        seeds=task.seeds,
+        order_parameters=np.array([flight.order_parameters for flight in flights], np.float64),
+        fitness=fitness,
+        seconds=time.perf_counter() - began,
+        worker=worker_name(),
+        outcome=OK,
+    )
+
+
+def infeasible(job: Job, task: Task, reason: str, seconds: float = 0.0, worker: str = "") -> Evaluation:
+    """The evaluation of a task that cannot be flown: the worst fitness, and why in one line."""
+    return Evaluation(
+        number=task.number,
+        params=task.params,
+        seeds=task.seeds,
+        order_parameters=np.full((len(task.seeds), 6), np.nan),
+        fitness=np.zeros((len(task.seeds), len(FITNESS_NAMES) + job.coverage)),
+        seconds=seconds,
+        worker=worker or worker_name(),
+        outcome=" ".join(reason.split()) or "failed",
+    )
+
+
+def warm_up(job: Job) -> str:
+    """Fly a job's shortest flight, so that all is loaded and compiled; say who did.
+
+    Raises:
+        MoflockError: the scenario cannot be flown with these dynamics.
+    """
+    scenario = job.scenario.replace(duration=job.scenario.sample_period, warm_up=0.0)
+    fly(paper_point("B"), scenario=scenario, dynamics=job.dynamics, seed=0, keep_samples=False)
+    if job.coverage:
+        coverage(np.zeros((1, 1, 3)), scenario.arena_side)
+    return worker_name()
+
+
+def worker_name() -> str:
+    """This process: machine and process number."""
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+def _fly_in_time(job: Job, params: FlockingParams, seed: int, began: float) -> Flight:
+    def late() -> bool:
+        return job.timeout is not None and time.perf_counter() - began > job.timeout
+
+    flight = fly(params, scenario=job.scenario, dynamics=job.dynamics, seed=seed, keep_samples=job.coverage, stop=late)
+    if not flight.complete:
+        raise TimeoutError(f"timed out after {job.timeout:g} s")
+    return flight
+
+
+def _fitness_row(job: Job, flight: Flight) -> list[float]:
+    row = [float(getattr(flight.fitness, name)) for name in FITNESS_NAMES]
+    if job.coverage:
+        assert flight.samples is not None  # for the type checker: asked for above
+        row.append(float(coverage(flight.samples.position, job.scenario.arena_side)[-1]))
+    return row

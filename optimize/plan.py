@@ -1,0 +1,195 @@
+"""How a search spends its flights: which points fly on which seeds, and how much a few noisy flights are believed.
+
+A flight's objectives depend on its seed: the spread over seeds is as large as the differences between good points. The
+best of many single flights is then mostly lucky. So each generation flies on seeds of its own, common to all of its
+points; the leaders so far fly with it again, which makes their means surer; a point is judged by its own flights and
+by those of its neighbours (`smoothing`); and the last flights go to the leaders alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.algorithms import DIMENSIONS, Algorithm
+from optimize.estimates import flight_variance, hypervolume
+from optimize.smoothing import smooth
+
+
+class Trials(NamedTuple):
+    """What is to be flown next: each point on each seed.
+
+    Attributes:
+        points: (n, 12), unit cube.
+        seeds: (S,), common to all.
+    """
+
+    points: NDArray[np.float64]
+    seeds: tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NoisePolicy:
+    """What is done about noise.
+
+    Attributes:
+        fresh: whether each generation has seeds of its own.
+        leaders: how many of the best points fly again in each generation.
+        finals: share of the flights that is kept for the leaders at the end.
+    """
+
+    fresh: bool
+    leaders: int
+    finals: float
+
+
+def noise_policy(name: str, population: int) -> NoisePolicy:
+    """The policy of a name: "fixed" or "refly"."""
+    if name == "fixed":
+        return NoisePolicy(fresh=False, leaders=0, finals=0.0)
+    return NoisePolicy(fresh=True, leaders=population // 2, finals=0.15)
+
+
+class Plan:
+    """Asks an algorithm for points, adds those that fly again, and remembers what all have reached.
+
+    Args:
+        algorithm: breeds points.
+        policy: what is done about noise.
+        population: points that it breeds at a time.
+        objectives: K.
+        seeds: flights per point and generation, S.
+        budget: flights.
+        rng: of the flights' seeds.
+    """
+
+    def __init__(
+        self,
+        algorithm: Algorithm,
+        policy: NoisePolicy,
+        *,
+        population: int,
+        objectives: int,
+        seeds: int,
+        budget: int,
+        rng: np.random.Generator,
+    ) -> None:
+        self._algorithm = algorithm
+        self._policy = policy
+        self._left = budget
+        self._kept = min(int(policy.finals * budget), budget - population * seeds)  # a first generation must fly
+        self._rng = rng
+        self._seeds = _draw_seeds(rng, seeds)
+        self._asked = Trials(np.empty((0, DIMENSIONS)), ())
+        self._breeding = True
+        self._population = population
+        self._memory = Memory(objectives)
+
+    def ask(self) -> Trials | None:
+        """What to fly next; None when the budget does not allow more."""
+        if self._policy.fresh:
+            self._seeds = _draw_seeds(self._rng, len(self._seeds))
+        leaders = self._memory.leaders(self._policy.leaders)
+        if self._breeding and self._affordable(self._left - self._kept) >= self._population + len(leaders):
+            points = np.concatenate([self._algorithm.ask(), leaders])
+        else:
+            self._breeding = False
+            points = self._finalists(leaders)
+        if not len(points):
+            return None
+        self._asked = Trials(points, self._seeds)
+        self._left -= len(points) * len(self._seeds)
+        return self._asked
+
+    def tell(self, values: NDArray[np.float64]) -> None:
+        """What came of the trials last asked for.
+
+        Args:
+            values: (n, S, K), objectives of each flight, to be maximised.
+        """
+        if not np.isfinite(values).all():
+            raise ValueError("an objective is not finite; an infeasible flight has the worst value instead")
+        self._memory.add(self._asked.points, values)
+        if self._breeding:
+            leaders = self._memory.leaders(self._policy.leaders)
+            self._algorithm.tell(self._memory.judge, leaders)
+
+    def hypervolume(self) -> float:
+        """Of the front, as the search believes it to be by now."""
+        return hypervolume(self._memory.believed)
+
+    def _finalists(self, leaders: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The leaders, and once what the algorithm would like to see flown, as far as the budget goes."""
+        if not self._policy.leaders:
+            return leaders
+        favourites = self._memory.unknown(self._algorithm.favourites())
+        return np.concatenate([favourites, leaders])[: self._affordable(self._left)]
+
+    def _affordable(self, flights: int) -> int:
+        return flights // len(self._seeds)
+
+
+class Memory:
+    """All points that flew, sums over their flights, and what is believed of them.
+
+    Args:
+        objectives: K.
+
+    Attributes:
+        believed: (n, K), objectives, in the order in which the points first flew.
+    """
+
+    def __init__(self, objectives: int) -> None:
+        self._row: dict[bytes, int] = {}
+        self._points = np.empty((0, DIMENSIONS))
+        self._count = np.empty(0)
+        self._sum = np.empty((0, objectives))
+        self._squares = np.empty((0, objectives))
+        self.believed = np.empty((0, objectives))
+
+    def add(self, points: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+        """Remember flights: points (n, 12) and their values (n, S, K)."""
+        new = self.unknown(points)
+        self._row.update((point.tobytes(), len(self._row)) for point in new)
+        self._points = np.concatenate([self._points, new])
+        room = np.zeros((len(new), values.shape[2]))
+        self._count = np.concatenate([self._count, np.zeros(len(new))])
+        self._sum, self._squares = np.concatenate([self._sum, room]), np.concatenate([self._squares, room])
+        rows = self._rows(points)
+        np.add.at(self._count, rows, values.shape[1])
+        np.add.at(self._sum, rows, values.sum(axis=1))
+        np.add.at(self._squares, rows, (values**2).sum(axis=1))
+        variance = flight_variance(self._count, self._sum, self._squares)
+        self.believed = smooth(self._points, self._count, self._sum / self._count[:, None], variance).mean
+
+    def unknown(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Those of the points (n, 12) that have not flown, each once."""
+        new = {point.tobytes(): point for point in points if point.tobytes() not in self._row}
+        return np.array(list(new.values())).reshape(-1, DIMENSIONS)
+
+    def judge(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What is believed of points (n, 12) that flew: (n, K)."""
+        return self.believed[self._rows(points)]
+
+    def leaders(self, count: int) -> NDArray[np.float64]:
+        """The best `count` points: by non-dominated fronts of what is believed, and those that flew least first."""
+        from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting  # noqa: PLC0415
+
+        count = min(count, len(self._points))
+        if not count:
+            return np.empty((0, DIMENSIONS))
+        chosen: list[int] = []
+        for front in NonDominatedSorting().do(-self.believed, n_stop_if_ranked=count):
+            least_flown = front[np.argsort(self._count[front], kind="stable")]
+            chosen.extend(least_flown[: count - len(chosen)].tolist())
+        return self._points[chosen]
+
+    def _rows(self, points: NDArray[np.float64]) -> list[int]:
+        return [self._row[point.tobytes()] for point in points]
+
+
+def _draw_seeds(rng: np.random.Generator, count: int) -> tuple[int, ...]:
+    return tuple(rng.integers(1, 2**31, size=count).tolist())

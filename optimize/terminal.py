@@ -1,0 +1,117 @@
+"""What a search looks like in a terminal: its progress, its result, JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from optimize.configuration import Configuration
+from optimize.search import Progress as Told
+from optimize.search import SearchProgress, SearchResult
+
+
+def new_run_path(algorithm: str) -> Path:
+    """Where a search goes if its user names no directory."""
+    now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
+    return Path("logs") / f"optimize-{now}-{algorithm}"
+
+
+@contextlib.contextmanager
+def search_progress(configuration: Configuration) -> Iterator[Told]:
+    """A progress bar on stderr, if that is a terminal: generation, flights, hypervolume, rate, time left."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} flights"),
+        TextColumn("{task.fields[figures]}"),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("first generation", total=configuration.settings.budget, figures="")
+        measure = "product" if len(configuration.maximised.names) == 1 else "hypervolume"
+
+        def told(progress: SearchProgress) -> None:
+            bar.update(
+                task,
+                description=f"generation {progress.generation + 1}",
+                completed=progress.flights,
+                figures=progress_line(progress, measure),
+            )
+
+        yield told
+
+
+def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str:
+    """How far a search is, in a line; `measure` is what its hypervolume is called."""
+    parts = [] if progress.hypervolume is None else [f"{measure} {progress.hypervolume:.3f}"]
+    parts.append(f"{progress.rate:.1f} evaluations/s")
+    parts.append(f"{datetime.timedelta(seconds=round(progress.seconds_left))} left")
+    if progress.infeasible:
+        parts.append(f"{progress.infeasible} infeasible")
+    return "  ".join(parts)
+
+
+def print_search(result: SearchResult, configuration: Configuration, path: Path, *, as_json: bool) -> None:
+    """Print what a search found to stdout."""
+    if as_json:
+        print(json.dumps(search_summary(result, configuration, path), indent=1))
+        return
+    console = Console()
+    names = configuration.objectives.names
+    table = Table("candidate", *names, *(f"+- {name}" for name in names), "flights")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for number, estimate in enumerate(sorted(result.front, key=lambda estimate: estimate.mean[0])):
+        figures = (*estimate.mean, *estimate.std_error)
+        table.add_row(str(number + 1), *(f"{figure:.3f}" for figure in figures), str(estimate.flights))
+    console.print(table)
+    for line in _closing_lines(result, configuration, path):
+        console.print(line, highlight=False, soft_wrap=True)
+
+
+def search_summary(result: SearchResult, configuration: Configuration, path: Path) -> dict[str, Any]:
+    """What a search found, as JSON values."""
+    figures = {name: value for name, value in result._asdict().items() if name != "front"}
+    return {
+        "run": str(path),
+        "settings": dataclasses.asdict(configuration.settings),
+        "objectives": list(configuration.objectives.names),
+        **figures,
+        "front": [
+            {
+                "params": estimate.params._asdict(),
+                "mean": estimate.mean.tolist(),
+                "std_error": estimate.std_error.tolist(),
+                "flights": estimate.flights,
+            }
+            for estimate in result.front
+        ],
+    }
+
+
+def _closing_lines(result: SearchResult, configuration: Configuration, path: Path) -> list[str]:
+    rate = (result.evaluations - result.replayed) / max(result.seconds, 1e-9)
+    lines = [
+        f"{result.flights} flights in {result.evaluations} evaluations and {result.generations} generations, "
+        f"{result.seconds:.0f} s ({rate:.1f} evaluations/s); hypervolume as the search estimates it "
+        f"{result.hypervolume:.3f}",
+    ]
+    if result.replayed:
+        lines.append(f"{result.replayed} of the evaluations were in the archive already")
+    if result.infeasible:
+        lines.append(f"{result.infeasible} evaluations were infeasible; the archive's column `outcome` says why")
+    if not result.complete:
+        lines.append(
+            f"stopped at {result.flights} of {configuration.settings.budget} flights; go on with --resume {path}"
+        )
+    lines.append(f"run directory: {path}")
+    return lines

@@ -1,0 +1,227 @@
+"""What the commands `moflock pca`, `pick`, `report` and `target` do, from their arguments to what they print."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from moflock_mj.new_file import new_file
+from moflock_mj.points import load_point
+from moflock_mj.scenario import Scenario
+from moflock_mj.target import track_target
+from optimize.archive import RunDirectory
+from optimize.bounds import Bounds
+from optimize.configuration import search_scenario
+from optimize.evaluation import Job
+from optimize.executor import make_executor
+from optimize.figures import components_figure, save
+from optimize.findings import flown_front, gather
+from optimize.flight_figures import target_figure
+from optimize.fly_points import Told
+from optimize.front import SEEDS, FlownFront, choose, point_json
+from optimize.objectives import Objectives
+from optimize.pca import Agreement, PrincipalComponents, agreement, components_json, grouped_by_sign, study
+from optimize.reference import FIRST_COMPONENT
+from optimize.report import write_report
+
+
+@contextlib.contextmanager
+def flights_progress(what: str) -> Iterator[Told]:
+    """A progress bar on stderr, if that is a terminal: flights, and time left."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} flights"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
+
+
+def pca(
+    *,
+    scenario: Scenario,
+    dynamics: str,
+    bounds: Bounds,
+    points: int,
+    seed: int,
+    sampling: str,
+    workers: int,
+    scheduler: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Fly random points, analyse their fitnesses, print the matrices; `out`: JSON for `optimize`, and a figure beside.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown or written.
+    """
+    scenario = search_scenario(scenario, dynamics)
+    job = Job(scenario=scenario, dynamics=dynamics)
+    with make_executor(job, workers, scheduler) as executor, flights_progress("random points") as told:
+        found, _ = study(executor, bounds, points=points, seed=seed, sampling=sampling, told=told)
+    objectives = grouped_by_sign(found, scenario)
+    if out is not None:
+        with new_file(out) as place:
+            place.write_text(components_json(found, objectives), encoding="utf-8")
+        labels = [f"F_{name}" for name in found.names]
+        save(
+            lambda: components_figure(found, labels, "Covariance of the fitnesses", FIRST_COMPONENT),
+            out.with_suffix(".png"),
+        )
+    near = agreement(found)
+    if as_json:
+        print(json.dumps({**json.loads(components_json(found, objectives)), "agreement": near._asdict()}, indent=1))
+    else:
+        _print_components(found, objectives, near)
+    return 0
+
+
+def pick(
+    run: Path,
+    *,
+    weights: Sequence[float] | None,
+    min_f1: float | None,
+    seeds: int = SEEDS,
+    workers: int,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Choose a point of a run's front as flown on fresh seeds, and write it as JSON, to `out` or to stdout.
+
+    Raises:
+        MoflockError: no run, no such point, or a file that cannot be written.
+    """
+    front = _front_of(run, seeds, workers)
+    number = choose(front, weights=weights, min_f1=min_f1)
+    asked = {"weights": weights, "min_f1": min_f1}
+    rule = ", ".join(f"{name} {value}" for name, value in asked.items() if value is not None) or "knee"
+    text = point_json(front, number, rule=rule)
+    if out is None or as_json:
+        print(text, end="")
+    if out is not None:
+        with new_file(out) as place:
+            place.write_text(text, encoding="utf-8")
+        if not as_json:
+            print(f"{rule}: {_objectives_line(front, number)}; {out}")
+    return 0
+
+
+def report(
+    run: Path,
+    *,
+    compared: Sequence[Path] = (),
+    seeds: int = SEEDS,
+    workers: int,
+    scheduler: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Write a run's report, by default into its directory; other runs may be compared.
+
+    Raises:
+        MoflockError: no run, nothing evaluated, or a file that cannot be written.
+    """
+    with contextlib.ExitStack() as resources:
+        directory = resources.enter_context(RunDirectory.open(run))
+        others = [resources.enter_context(RunDirectory.open(other)) for other in compared]
+        executor = resources.enter_context(make_executor(directory.configuration.job, workers, scheduler))
+        told = resources.enter_context(flights_progress("front on fresh seeds"))
+        found = gather(directory, executor, compared=others, seeds=seeds, told=told)
+    page = write_report(found, out or run / "report")
+    front = found.front
+    if as_json:
+        print(json.dumps(_front_summary(front) | {"page": str(page)}, indent=1))
+    else:
+        print(f"hypervolume on {len(front.seeds)} fresh seeds {front.hypervolume:.3f}; {len(front.remaining)} points")
+        print(f"knee: {_objectives_line(front, front.knee)}")
+        print(f"report: {page}")
+    return 0
+
+
+def target(
+    points: Sequence[str],
+    *,
+    place: tuple[float, float],
+    scenario: Scenario,
+    dynamics: str,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Fly flocks around a target, print the fitted sines; `out`: a figure of them, .png.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown or written.
+    """
+    results = [
+        track_target(load_point(point), target=place, scenario=scenario, dynamics=dynamics, seed=seed)
+        for point in points
+    ]
+    if out is not None:
+        save(lambda: target_figure(results, [f"Point {Path(point).stem}" for point in points]), out)
+    figures = [
+        {"point": point, **result.sine._asdict(), "residual": result.residual, "F_target": result.F_target}
+        for point, result in zip(points, results, strict=True)
+    ]
+    if as_json:
+        print(json.dumps({"target": list(place), "dynamics": dynamics, "seed": seed, "flocks": figures}, indent=1))
+        return 0
+    table = Table("point", "amplitude, m", "omega, rad/s", "offset, m", "residual, m", "F_target, rad/(s m)")
+    for facts in figures:
+        columns = ("amplitude", "omega", "offset", "residual", "F_target")
+        table.add_row(str(facts["point"]), *(f"{facts[name]:.4g}" for name in columns))
+    Console().print(table)
+    return 0
+
+
+def _front_of(run: Path, seeds: int, workers: int) -> FlownFront:
+    with contextlib.ExitStack() as resources:
+        directory = resources.enter_context(RunDirectory.open(run))
+        executor = resources.enter_context(make_executor(directory.configuration.job, workers))
+        told = resources.enter_context(flights_progress("front on fresh seeds"))
+        return flown_front(directory, executor, seeds, told)
+
+
+def _print_components(found: PrincipalComponents, objectives: Objectives, near: Agreement) -> None:
+    table = Table("", "w", *(f"F_{name}" for name in found.names), title=f"{found.samples} random points: w and K")
+    for name, weight, row in zip(found.names, found.components[0], found.covariance, strict=True):
+        table.add_row(f"F_{name}", f"{weight:.3f}", *(f"{value:.3f}" for value in row))
+    console = Console()
+    console.print(table)
+    console.print("explained variance, %: " + ", ".join(f"{100 * share:.1f}" for share in found.explained))
+    for name, group in zip(objectives.names, objectives.groups, strict=True):
+        console.print(f"{name} = " + " ".join(f"F_{member}" for member in group), highlight=False)
+    for name in found.constant:
+        console.print(f"F_{name} never varied", highlight=False)
+    signs = "the same signs" if near.same_signs else "other signs"
+    console.print(
+        f"beside the paper's: cosine {near.cosine:.3f}, {signs}, covariance differs by {near.covariance_error:.3f}",
+        highlight=False,
+    )
+
+
+def _objectives_line(front: FlownFront, number: int) -> str:
+    triples = zip(front.objectives.names, front.mean[number], front.deviation[number], strict=True)
+    return ", ".join(f"{name} {mean:.3f} +- {spread:.3f}" for name, mean, spread in triples)
+
+
+def _front_summary(front: FlownFront) -> dict[str, Any]:
+    return {
+        "hypervolume": front.hypervolume,
+        "seeds": len(front.seeds),
+        "objectives": list(front.objectives.names),
+        "knee": front.knee,
+        "points": front.points[front.remaining].tolist(),
+        "mean": front.mean[front.remaining].tolist(),
+        "half_width_95": front.half_width[front.remaining].tolist(),
+    }

@@ -1,0 +1,62 @@
+"""Cheap stand-ins for a search's flights."""
+
+import numpy as np
+
+from moflock_mj.scenario import Scenario
+from optimize.bounds import paper_bounds
+from optimize.configuration import Configuration, Settings
+from optimize.evaluation import Evaluation, infeasible
+
+
+class FakeExecutor:
+    """Evaluates a closed form in this process: F_1 grows with the first coordinate, F_2 falls with it.
+
+    Both suffer from the other eleven coordinates' distance from 0.3, and from noise of the seed.
+
+    Args:
+        job: a search's.
+        noise: standard deviation of an objective.
+        backwards: whether the last task is done first.
+        fails: numbers of tasks that are infeasible.
+        dies_at: number of the evaluation before which it raises KeyboardInterrupt.
+    """
+
+    workers = 1
+
+    def __init__(self, job, noise=0.05, backwards=False, fails=(), dies_at=None):
+        self.job, self.noise, self.backwards, self.fails, self.dies_at = job, noise, backwards, fails, dies_at
+        self.flown = []
+
+    def evaluate(self, tasks):
+        for task in reversed(tasks) if self.backwards else tasks:
+            if task.number == self.dies_at:
+                raise KeyboardInterrupt
+            self.flown.append(task.number)
+            yield infeasible(self.job, task, "fake") if task.number in self.fails else self._fly(task)
+
+    def _fly(self, task):
+        unit = paper_bounds().to_unit(task.params)
+        distance = np.abs(unit[1:] - 0.3).mean()
+        rows = []
+        for seed in task.seeds:
+            noise = self.noise * np.random.default_rng(seed).standard_normal(2)
+            f_1, f_2 = np.clip(np.array([np.sqrt(abs(unit[0])), np.sqrt(abs(1 - unit[0]))]) - distance + noise, 0, 1)
+            rows.append([f_1, 1, f_2, 1, 1, 1])
+        return Evaluation(
+            task.number, task.params, task.seeds, np.ones((len(rows), 6)), np.array(rows), 0.01, "fake", "ok"
+        )
+
+    def close(self):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *problem):
+        pass
+
+
+def small_configuration(**settings):
+    """A search of a few points in a tiny scenario."""
+    tiny = Scenario(drones=4, arena_side=100.0, duration=2.0, step=0.1)
+    return Configuration(scenario=tiny, settings=Settings(**{"population": 8, "budget": 60} | settings))

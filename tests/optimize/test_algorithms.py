@@ -1,0 +1,129 @@
+"""The algorithms and the plan of flights, on a cheap problem."""
+
+import numpy as np
+import pytest
+
+from optimize.algorithms import make_algorithm
+from optimize.configuration import ALGORITHMS, SINGLE_OBJECTIVE
+from optimize.plan import Memory, Plan, noise_policy
+
+
+def objectives_of(points, noise=0.0):
+    """(n, 1, 2): a trade-off along the first coordinate, best where all others are 0.3."""
+    distance = np.abs(points[:, 1:] - 0.3).mean(axis=1)
+    trade = np.stack([np.sqrt(np.abs(points[:, 0])), np.sqrt(np.abs(1 - points[:, 0]))], axis=1)
+    return np.clip(trade - distance[:, None] + noise, 0, 1)[:, None, :]
+
+
+def global_state():
+    return str(np.random.get_state(legacy=False))  # noqa: NPY002 - it is the one that must stay as it is
+
+
+def make(name, noise="refly", seed=1, budget=600, population=12, seeds=1):
+    objectives = 1 if name in SINGLE_OBJECTIVE else 2
+    return Plan(
+        make_algorithm(name, objectives, population, seed),
+        noise_policy(noise, population),
+        population=population,
+        objectives=objectives,
+        seeds=seeds,
+        budget=budget,
+        rng=np.random.default_rng(seed),
+    )
+
+
+def run(plan, single):
+    trials = []
+    while (asked := plan.ask()) is not None:
+        values = objectives_of(asked.points)
+        plan.tell(np.repeat(values.prod(axis=2, keepdims=True) if single else values, len(asked.seeds), axis=1))
+        trials.append(asked)
+    return trials
+
+
+@pytest.mark.parametrize("noise", ["fixed", "refly"])
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_each_algorithm_improves_stays_in_the_cube_and_within_its_budget(name, noise):
+    before = global_state()
+    plan = make(name, noise)
+    trials = run(plan, name in SINGLE_OBJECTIVE)
+    flown = np.concatenate([asked.points for asked in trials])
+    assert flown.min() >= 0
+    assert flown.max() <= 1
+    assert 0.9 * 600 <= sum(len(asked.points) * len(asked.seeds) for asked in trials) <= 600
+    values = objectives_of(flown)[:, 0].prod(axis=1)
+    assert values[-50:].max() > values[:12].max() + 0.05
+    assert global_state() == before, "NumPy's global generator was touched"
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_the_same_seed_asks_the_same(name):
+    first, second, other = (run(make(name, seed=seed, budget=150), name in SINGLE_OBJECTIVE) for seed in (4, 4, 5))
+    for one, two in zip(first, second, strict=True):
+        assert one.points.tobytes() == two.points.tobytes()
+        assert one.seeds == two.seeds
+    assert first[0].points.tobytes() != other[0].points.tobytes()
+
+
+def test_what_others_draw_from_the_global_generator_changes_nothing():
+    plan, again = make("cmaes", budget=60), make("cmaes", budget=60)
+    first = run(plan, True)
+    second = []
+    while (asked := again.ask()) is not None:
+        np.random.random(7)  # noqa: NPY002 - it is the one that others use
+        again.tell(objectives_of(asked.points).prod(axis=2, keepdims=True))
+        second.append(asked)
+    assert all(a.points.tobytes() == b.points.tobytes() for a, b in zip(first, second, strict=True))
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_a_budget_of_one_generation_flies_it(name):
+    (asked,) = run(make(name, budget=12), name in SINGLE_OBJECTIVE)
+    assert len(asked.points) == 12
+
+
+def test_common_random_numbers_fixed_or_fresh():
+    fixed = {asked.seeds for asked in run(make("nsga2", "fixed", seeds=2), False)}
+    fresh = [asked.seeds for asked in run(make("nsga2", "refly", seeds=2), False)]
+    assert len(fixed) == 1
+    assert len(set(fresh)) == len(fresh)
+    assert all(len(set(seeds)) == 2 for seeds in fresh)
+
+
+def test_leaders_fly_again():
+    counts = {}
+    for asked in run(make("nsga2"), False):
+        for point in asked.points:
+            counts[point.tobytes()] = counts.get(point.tobytes(), 0) + 1
+    assert max(counts.values()) >= 5
+
+
+def test_an_unbounded_search_leaves_the_cube():
+    algorithm = make_algorithm("cmaes", 1, 12, 1, unbounded=True)
+    for _ in range(10):
+        points = algorithm.ask()
+        algorithm.tell(lambda points: points.sum(axis=1, keepdims=True), points[:0])
+    assert points.max() > 1
+
+
+def test_nan_never_reaches_an_algorithm():
+    plan = make("nsga2")
+    asked = plan.ask()
+    with pytest.raises(ValueError, match="not finite"):
+        plan.tell(np.full((len(asked.points), 1, 2), np.nan))
+
+
+def test_a_search_in_which_all_is_infeasible_goes_on():
+    for name in ALGORITHMS:
+        plan = make(name, budget=100)
+        while (asked := plan.ask()) is not None:
+            plan.tell(np.zeros((len(asked.points), 1, 1 if name in SINGLE_OBJECTIVE else 2)))
+
+
+def test_the_memory_judges_and_lets_those_lead_that_flew_least():
+    memory, points = Memory(2), np.random.default_rng(1).random((3, 12))
+    memory.add(points, np.array([[[1.0, 0.0]], [[0.0, 1.0]], [[0.0, 0.0]]]))
+    memory.add(points[:1], np.array([[[1.0, 0.0]]]))
+    np.testing.assert_allclose(memory.judge(points[[1, 0]]), [[0.0, 1.0], [1.0, 0.0]])
+    assert memory.leaders(2).tobytes() == points[[1, 0]].tobytes()
+    assert len(memory.unknown(np.concatenate([points, np.zeros((2, 12))]))) == 1

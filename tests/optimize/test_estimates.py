@@ -1,0 +1,59 @@
+"""Estimates: dominance, hypervolume, and how sure a mean is."""
+
+import numpy as np
+import pytest
+
+from moflock_mj.points import paper_point
+from optimize.estimates import estimated_front, estimates, flight_variance, hypervolume, non_dominated
+from optimize.evaluation import Evaluation
+from optimize.objectives import PAPER
+
+
+def flown(number, point, objectives):
+    """An evaluation with the given (F_1, F_2) per flight."""
+    fitness = np.array([[f_1, 1, f_2, 1, 1, 1] for f_1, f_2 in objectives])
+    return Evaluation(number, point, tuple(range(len(fitness))), np.zeros_like(fitness), fitness, 0.1, "me", "ok")
+
+
+def test_non_dominated_points():
+    values = [[1, 0], [0.5, 0.5], [0.4, 0.5], [0, 1], [0.5, 0.5], [0, 0]]
+    assert non_dominated(values).tolist() == [True, True, False, True, True, False]
+
+
+def test_hypervolume_of_rectangles():
+    assert hypervolume([[0.5, 0.8]]) == pytest.approx(0.4)
+    assert hypervolume([[0.5, 0.8], [1.0, 0.2], [0.1, 0.1]]) == pytest.approx(0.5)
+
+
+def test_flights_of_one_point_are_gathered():
+    a, b = paper_point("A"), paper_point("B")
+    found = estimates([flown(0, a, [(0.5, 0.2)]), flown(1, b, [(0.1, 0.9)]), flown(2, a, [(0.7, 0.4)])], PAPER)
+    assert [estimate.flights for estimate in found] == [2, 1]
+    assert [estimate.params for estimate in found] == [a, b]
+
+
+def test_where_each_point_flew_once_the_mean_is_its_flight():
+    a, b = paper_point("A"), paper_point("B")
+    found = estimates([flown(0, a, [(0.5, 0.2)]), flown(1, b, [(0.1, 0.9)])], PAPER)
+    assert [estimate.mean.tolist() for estimate in found] == [[0.5, 0.2], [0.1, 0.9]]
+    assert not found[0].std_error.any()
+
+
+def test_one_lucky_flight_does_not_make_the_front():
+    a, b = paper_point("A"), paper_point("B")
+    steady = [flown(i, a, [(0.6 + 0.1 * (-1) ** i, 0.6)]) for i in range(40)]
+    front = estimated_front([*steady, flown(40, b, [(0.65, 0.6)])], PAPER)
+    assert [estimate.params for estimate in front] == [a]
+
+
+def test_the_variance_of_a_flight_is_pooled_over_all_points():
+    rng = np.random.default_rng(3)
+    rows = [rng.normal(mean, 0.1, (4, 1)) for mean in rng.random(200)]
+    found = flight_variance(
+        np.full(200, 4.0), np.array([r.sum(axis=0) for r in rows]), np.array([(r**2).sum(axis=0) for r in rows])
+    )
+    assert found == pytest.approx(0.01, rel=0.1)
+
+
+def test_nothing_is_known_of_the_noise_where_no_point_flew_twice():
+    assert not flight_variance(np.ones(3), np.ones((3, 2)), np.ones((3, 2))).any()

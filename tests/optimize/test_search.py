@@ -1,0 +1,165 @@
+"""The search: interrupted at any moment and resumed, it ends as one that never was."""
+
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+from moflock_mj.errors import SearchError
+from optimize.archive import RunDirectory
+from optimize.search import search
+from tests.optimize.fakes import FakeExecutor, small_configuration
+
+
+def outcome(run):
+    """All of an archive that must not depend on when and where it was flown."""
+    return [
+        (entry.generation, flown.number, flown.params, flown.seeds, flown.fitness.tobytes(), flown.outcome)
+        for entry in run.entries()
+        for flown in [entry.evaluation]
+    ]
+
+
+def front(result):
+    return [(estimate.params, estimate.mean.tobytes(), estimate.flights) for estimate in result.front]
+
+
+def searched(path, configuration, **fake):
+    with RunDirectory.create(path, configuration) as run:
+        result = search(run, FakeExecutor(configuration.job, **fake))
+        return outcome(run), result
+
+
+@pytest.mark.parametrize("algorithm", ["nsga2", "smsemoa", "cmaes", "pso"])
+def test_interrupted_anywhere_and_resumed_it_ends_the_same(tmp_path, algorithm):
+    configuration = small_configuration(algorithm=algorithm, seeds=2, budget=120)
+    expected, result = searched(tmp_path / "whole", configuration)
+    with RunDirectory.create(tmp_path / "killed", configuration) as run:
+        for dies_at in (3, 8, 21, 22, 47):
+            with pytest.raises(KeyboardInterrupt):
+                search(run, FakeExecutor(configuration.job, dies_at=dies_at))
+    with RunDirectory.open(tmp_path / "killed") as run:
+        executor = FakeExecutor(configuration.job)
+        resumed = search(run, executor)
+        assert outcome(run) == expected
+    assert executor.flown == list(range(47, len(expected)))
+    assert resumed.replayed == 47
+    assert front(resumed) == front(result)
+    assert resumed.complete
+
+
+def test_a_search_that_is_killed_and_resumed_ends_the_same(tmp_path):
+    configuration = small_configuration(budget=200)
+    expected, result = searched(tmp_path / "whole", configuration)
+    program = textwrap.dedent(
+        """
+        import sys
+        from optimize.archive import RunDirectory
+        from optimize.search import search
+        from tests.optimize.fakes import FakeExecutor, small_configuration
+        configuration = small_configuration(budget=200)
+        with RunDirectory.create(sys.argv[1], configuration) as run:
+            search(run, FakeExecutor(configuration.job), lambda told: print(told.evaluations, flush=True))
+        """
+    )
+    killed = subprocess.Popen([sys.executable, "-c", program, tmp_path / "killed"], stdout=subprocess.PIPE, text=True)
+    while int(killed.stdout.readline()) < 77:
+        pass
+    killed.kill()
+    killed.communicate()
+    with RunDirectory.open(tmp_path / "killed") as run:
+        assert 77 <= len(run.evaluations()) < len(expected)
+        assert front(search(run, FakeExecutor(configuration.job))) == front(result)
+        assert outcome(run) == expected
+
+
+def test_a_finished_search_flies_nothing_when_it_is_resumed(tmp_path):
+    configuration = small_configuration()
+    expected, result = searched(tmp_path / "run", configuration)
+    with RunDirectory.open(tmp_path / "run") as run:
+        executor = FakeExecutor(configuration.job)
+        again = search(run, executor)
+        assert (outcome(run), front(again), executor.flown) == (expected, front(result), [])
+
+
+def test_the_order_of_completion_changes_nothing(tmp_path):
+    configuration = small_configuration()
+    forwards, result = searched(tmp_path / "a", configuration)
+    backwards, other = searched(tmp_path / "b", configuration, backwards=True)
+    assert (forwards, front(result)) == (backwards, front(other))
+
+
+def test_rows_that_are_damaged_are_flown_again(tmp_path):
+    configuration = small_configuration()
+    expected, _ = searched(tmp_path / "run", configuration)
+    with RunDirectory.open(tmp_path / "run") as run:
+        run._connection.execute("UPDATE evaluations SET r0_rep = 31.0 WHERE number IN (5, 30)")
+        run._connection.commit()
+    with RunDirectory.open(tmp_path / "run") as run:
+        executor = FakeExecutor(configuration.job)
+        search(run, executor)
+        assert executor.flown == [5, 30]
+        assert outcome(run) == expected
+
+
+def test_a_stop_ends_it_and_it_can_be_resumed(tmp_path):
+    configuration = small_configuration()
+    expected, _ = searched(tmp_path / "whole", configuration)
+    told = []
+    with RunDirectory.create(tmp_path / "stopped", configuration) as run:
+        stopped = search(run, FakeExecutor(configuration.job), told.append, stop=lambda: len(told) >= 13)
+        assert not stopped.complete
+        assert stopped.evaluations == 13
+        assert search(run, FakeExecutor(configuration.job)).complete
+        assert outcome(run) == expected
+
+
+def test_progress_counts_flights_up_to_the_budget(tmp_path):
+    configuration, told = small_configuration(seeds=2, budget=100), []
+    with RunDirectory.create(tmp_path / "run", configuration) as run:
+        result = search(run, FakeExecutor(configuration.job), told.append)
+    assert [progress.evaluations for progress in told] == list(range(1, len(told) + 1))
+    assert told[-1].flights == result.flights <= 100
+    assert told[0].hypervolume is None
+    assert 0 < told[-1].hypervolume <= 1
+    assert told[-1].seconds_left >= 0
+
+
+def test_infeasible_points_are_the_worst_and_are_counted(tmp_path):
+    configuration = small_configuration()
+    _, result = searched(tmp_path / "run", configuration, fails=(1, 9, 10))
+    assert result.infeasible == 3
+    assert all(np.isfinite(estimate.mean).all() and (estimate.mean > 0).any() for estimate in result.front)
+
+
+def test_an_archive_of_another_search_is_refused(tmp_path):
+    configuration = small_configuration()
+    searched(tmp_path / "run", configuration)
+    text = (tmp_path / "run" / "configuration.json").read_text()
+    (tmp_path / "run" / "configuration.json").write_text(text.replace('"seed": 1', '"seed": 2'))
+    with RunDirectory.open(tmp_path / "run") as run, pytest.raises(SearchError, match="configuration was changed"):
+        search(run, FakeExecutor(configuration.job))
+
+
+def test_more_flights_of_the_same_noise_find_a_better_front(tmp_path):
+    small = searched(tmp_path / "a", small_configuration(budget=60))[1]
+    large = searched(tmp_path / "b", small_configuration(budget=400))[1]
+    assert large.hypervolume > small.hypervolume
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"budget": 7}, "budget: 7 flights; it must be at least a generation's, 8"),
+        ({"algorithm": "nsga4"}, "algorithm: 'nsga4' is out of bounds: it must be one of nsga2"),
+        ({"seeds": 0}, "seeds: 0 is out of bounds"),
+        ({"population": 2.5}, "population: 2.5 is of the wrong type"),
+        ({"unbounded": True}, "unbounded: only cmaes"),
+        ({"timeout": -1}, "timeout: -1.0 is out of bounds"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, words):
+    with pytest.raises(SearchError, match=words):
+        small_configuration(**settings)
