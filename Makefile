@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test bench fidelity pictures format clean
+.PHONY: fly test bench fidelity pictures paper format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -25,6 +25,9 @@ fidelity: $(TESTABLE)  ## agreement with RobotSim and with the paper
 
 pictures: $(TESTABLE)  ## the README's pictures; needs Chromium
 	$(BIN)/python docs/make_pictures.py
+
+paper: $(INSTALLED)  ## the paper's numbers and figures, ours beside them: docs/reproduction.md
+	$(BIN)/python -m optimize.paper
 
 format: $(TESTABLE)  ## format the sources
 	$(BIN)/ruff check --fix .

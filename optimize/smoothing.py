@@ -55,6 +55,8 @@ def smooth(
         variance: (K,), of one flight about its point's mean; where it is 0, nothing is smoothed.
         deviation: whether to say how sure this is, which takes longer.
     """
+    if not variance.any():
+        return Smoothed(mean, np.zeros_like(mean) if deviation else np.empty((0, mean.shape[1])))
     believed = mean.copy()
     errors = np.sqrt(variance / flights[:, None])
     taken = np.sort(np.lexsort((np.arange(len(points)), flights))[-MOST:])
