@@ -18,13 +18,14 @@ CAMERAS = ("overview", "chase", "top")
 FIELD_OF_VIEW = 45.0
 """Vertical, degrees."""
 
-_MARGIN = (0.94, 0.90)
+_MARGIN = (0.94, 0.88)
 """Share of the picture's width and height that the arena may take; the rest is for words."""
 
 _FARTHEST = 1.5
 """How far from the centre a drone is still kept in an arena's picture, in half sides of the arena."""
 
 _SPARSE = 300_000
+"""About how many coordinates are enough to see how far a flock goes."""
 
 _CHASE_WIDTHS = 15.0
 """How far behind its drone the chase camera is, in widths of a drone."""
@@ -100,7 +101,7 @@ def camera_path(playback: Playback, camera: str, aspect: float, speed: float) ->
         raise RenderError(f"camera: {camera!r} is unknown; there are {', '.join(CAMERAS)}")
     if camera == "chase":
         return _chase(playback, speed)
-    view = _fitting(playback, aspect, *((90.0, -90.0) if camera == "top" else (68.0, -38.0)))
+    view = _fitting(playback, aspect, *((90.0, -90.0) if camera == "top" else (76.0, -42.0)))
     return lambda _time: view
 
 

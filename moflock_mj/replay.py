@@ -66,7 +66,7 @@ def show_logs(logs: list[Path], look: Look, *, as_json: bool) -> int:
     if look.viewer:
         from moflock_mj.viewer import show  # noqa: PLC0415 - needs a display
 
-        show(flights)
+        show(flights, colour=look.colour)
     return 0
 
 

@@ -21,6 +21,9 @@ LOOKS = 2
 _MARKER = 1 / 105
 """Radius of a drone's marker, in heights of the picture."""
 
+_TOO_SMALL = 0.5
+"""A drone whose marker would be smaller than this, in widths of a drone, is seen without one."""
+
 _ARROW = 4.2
 """Length of a marker's arrow at v_flock, in radii of the marker."""
 
@@ -85,6 +88,22 @@ def room_for(playback: Playback) -> int:
     return 200 + 80 * drones
 
 
+def airframes_show(playback: Playback, moments: list[Moment], view: View) -> bool:
+    """Whether any drone is seen as such; else markers hide them all, and drawing them would only take time."""
+    near = []
+    for moment in moments:
+        radii, depth = _marker_radii(moment, view)
+        near.append(np.any((depth > 0) & (radii < _TOO_SMALL * playback.drone_width)))
+    return bool(np.any(near))
+
+
+def _marker_radii(moment: Moment, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The radii in m by which markers appear alike, (N,), and the drones' depth, m, (N,)."""
+    _, depth = view.place(moment.position)
+    # A picture is two half heights high.
+    return 2 * _MARKER * np.tan(np.radians(FIELD_OF_VIEW) / 2) * np.maximum(depth, 0.0), depth
+
+
 class Painter:
     """Paints a playback's arena, trails and markers into a scene, after the model's own geoms.
 
@@ -130,21 +149,18 @@ class Painter:
 
     def _markers(self, moment: Moment, view: View) -> None:
         """A ball and an arrow where a drone would be too small to see, else a tinted disc around it."""
-        _, depth = view.place(moment.position)
-        # Radius in metres of what appears as large as a marker; a picture is two half heights high.
-        legible = 2 * _MARKER * np.tan(np.radians(FIELD_OF_VIEW) / 2) * np.maximum(depth, 0.0)
         width = self.playback.drone_width
+        radii, depth = _marker_radii(moment, view)
         for drone in np.flatnonzero(depth > 0):
-            position, rgba = moment.position[drone], (*moment.rgb[drone] / 255, 1.0)
-            if legible[drone] < 0.5 * width:
+            position, rgb, radius = moment.position[drone], moment.rgb[drone] / 255, float(radii[drone])
+            if radius < _TOO_SMALL * width:
                 turn = np.empty(9)
                 mujoco.mju_quat2Mat(turn, moment.quaternion[drone].astype(float))
                 disc = (0.62 * width, 0.62 * width, 0.02 * width)
-                self._solid(mujoco.mjtGeom.mjGEOM_CYLINDER, disc, position, turn, (*rgba[:3], 0.4))
+                self._solid(mujoco.mjtGeom.mjGEOM_CYLINDER, disc, position, turn, (*rgb, 0.4))
             else:
-                radius = float(legible[drone])
-                self._solid(mujoco.mjtGeom.mjGEOM_SPHERE, (0.85 * radius,) * 3, position, np.eye(3), rgba)
-            self._arrow(position, moment.velocity[drone], max(float(legible[drone]), 0.25 * width), rgba)
+                self._solid(mujoco.mjtGeom.mjGEOM_SPHERE, (0.85 * radius,) * 3, position, np.eye(3), (*rgb, 1.0))
+                self._arrow(position, moment.velocity[drone], radius, (*rgb, 1.0))
 
     def _arrow(self, position: ArrayLike, velocity: NDArray[np.float32], radius: float, rgba: ArrayLike) -> None:
         tip = np.asarray(position) + velocity * (_ARROW * radius / self.playback.v_flock)

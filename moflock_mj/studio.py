@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from moflock_mj.cameras import camera_path
-from moflock_mj.drone_colours import LegendEntry
-from moflock_mj.playback import Playback
-from moflock_mj.scenery import LOOKS, Painter, grid_cell, pose, room_for, stage_model
+from moflock_mj.legend import DARK, DIM, Font, draw_legend
+from moflock_mj.playback import TRAIL_SECONDS, Playback
+from moflock_mj.scenery import LOOKS, Painter, airframes_show, grid_cell, pose, room_for, stage_model
 
 _EVENT_LASTS = 3.0
 """Seconds of video for which an event is told."""
 
-_WORDS, _DIM = (238, 242, 247), (170, 182, 196)
-_SHADOW = (14, 17, 22)
+_WORDS = (238, 242, 247)
 
 
 class Studio:
@@ -41,7 +38,7 @@ class Studio:
         self._renderer = mujoco.Renderer(self._model, height, width, max_geom=room)
         self._options = mujoco.MjvOption()
         self._options.geomgroup[:] = 0
-        self._options.geomgroup[0] = self._options.geomgroup[LOOKS] = 1
+        self._options.geomgroup[0] = 1
         self._painter = Painter(playback, self._renderer.scene)
         self._path = camera_path(playback, camera, width / height, speed)
         self._captions = _Captions(playback, camera, size)
@@ -52,6 +49,7 @@ class Studio:
         pose(self._data, self._model, moments)
         view, camera = self._path(time), mujoco.MjvCamera()
         view.set(camera)
+        self._options.geomgroup[LOOKS] = airframes_show(self._playback, moments, view)
         self._renderer.update_scene(self._data, camera, self._options)
         # On a software GL these cost several times the rest.
         for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
@@ -66,63 +64,44 @@ class _Captions:
 
     def __init__(self, playback: Playback, camera: str, size: tuple[int, int]) -> None:
         self._playback, (self._width, self._height) = playback, size
-        self._unit = unit = max(self._height / 36, 9.0)
-        self._font = ImageFont.load_default(unit)
-        self._small = ImageFont.load_default(0.8 * unit)
-        cell = grid_cell(playback)
-        self._note = f"cells of {cell:g} m" + ("" if camera == "chase" else "; markers are not to scale")
+        self._unit = max(self._height / 36, 9.0)
+        self._font = ImageFont.load_default(self._unit)
+        self._small = ImageFont.load_default(0.8 * self._unit)
+        self._legend = draw_legend(playback.legend, self._unit)
+        self._note = self._panel([self._notes(camera)], self._small, 0.8 * self._unit, DIM)
 
     def on(self, picture: NDArray[np.uint8], time: float, speed: float, event: str) -> NDArray[np.uint8]:
         """The picture with its words."""
-        image = Image.fromarray(picture)
-        draw, unit = ImageDraw.Draw(image), self._unit
-        self._say(draw, (unit, 0.7 * unit), f"{time:6.1f} s" + (f"   {speed:.3g}x" if speed != 1 else ""))
-        for number, track in enumerate(self._playback.tracks):
+        image, unit = Image.fromarray(picture), round(0.6 * self._unit)
+        lines = [f"{time:.1f} s" + (f", shown at {speed:.3g}x" if speed != 1 else "")]
+        for track in self._playback.tracks:
             f_1, f_2 = (float(np.interp(time, track.t, values)) for values in track.objectives.T)
-            line = f"{track.name}: F_1 {f_1:.3f}, F_2 {f_2:.3f}"
-            self._say(draw, (unit, (2.2 + 1.4 * number) * unit), line)
-        self._legend(draw, self._playback.legend)
-        bottom = self._height - 1.8 * unit
-        self._say(draw, (self._width - unit, bottom), self._note, small=True, anchor="ra")
+            ended = f", ended at {track.t[-1]:.1f} s" if time > track.t[-1] + 1e-6 else ""
+            lines.append(f"{track.name}: F_1 {f_1:.3f}, F_2 {f_2:.3f}{ended}")
+        bottom, note = self._height - unit, self._note
+        panels = [(self._panel(lines, self._font, self._unit, _WORDS), unit, unit)]
+        panels.append((self._legend, unit, bottom - self._legend.height))
+        panels.append((note, self._width - unit - note.width, bottom - note.height))
         if event:
-            self._say(draw, (self._width / 2, bottom), event, anchor="ma")
+            told = self._panel([event], self._font, self._unit, _WORDS)
+            panels.append((told, (self._width - told.width) // 2, unit))
+        for panel, left, top in panels:
+            image.paste(panel, (left, top), panel)
         return np.asarray(image)
 
-    def _legend(self, draw: ImageDraw.ImageDraw, legend: Sequence[LegendEntry]) -> None:
-        """Entries from the bottom left upwards."""
-        unit, top = self._unit, self._height - 1.8 * self._unit
-        for entry in reversed(legend):
-            right = self._scale(draw, entry, top) if len(entry.bounds) else self._dot(draw, entry, top)
-            self._say(draw, (right, top), entry.label, small=True)
-            top -= 1.4 * unit
+    def _notes(self, camera: str) -> str:
+        playback = self._playback
+        across, along = np.ptp(playback.outline, axis=0)
+        arena = f"arena {across:g} m x {along:g} m in cells of {grid_cell(playback):g} m, trails of {TRAIL_SECONDS:g} s"
+        balls = "distant drones as balls" if camera == "chase" else "markers are not to scale"
+        return arena + (f", behind drone {playback.followed}, " if camera == "chase" else ", ") + balls
 
-    def _dot(self, draw: ImageDraw.ImageDraw, entry: LegendEntry, top: float) -> float:
-        unit = self._unit
-        draw.ellipse((unit, top + 0.1 * unit, 1.8 * unit, top + 0.9 * unit), fill=tuple(entry.rgb[0]))
-        return 2.3 * unit
-
-    def _scale(self, draw: ImageDraw.ImageDraw, entry: LegendEntry, top: float) -> float:
-        """A bar of the scale's colours between its two ends."""
-        unit, length = self._unit, 7 * self._unit
-        low, high = (f"{bound:g}" for bound in entry.bounds)
-        self._say(draw, (unit, top), low, small=True)
-        left = 1.4 * unit + draw.textlength(low, font=self._small)
-        colours = np.array(entry.rgb, float)
-        shares = np.linspace(0, len(colours) - 1, int(length))
-        for x, share in enumerate(shares):
-            rgb = tuple(int(np.interp(share, range(len(colours)), channel)) for channel in colours.T)
-            draw.line((left + x, top + 0.15 * unit, left + x, top + 0.85 * unit), fill=rgb)
-        self._say(draw, (left + length + 0.4 * unit, top), high, small=True)
-        return left + length + 0.9 * unit + draw.textlength(high, font=self._small)
-
-    def _say(
-        self,
-        draw: ImageDraw.ImageDraw,
-        place: tuple[float, float],
-        words: str,
-        *,
-        small: bool = False,
-        anchor: str = "la",
-    ) -> None:
-        font, fill = (self._small, _DIM) if small else (self._font, _WORDS)
-        draw.text(place, words, fill=fill, font=font, anchor=anchor, stroke_width=1, stroke_fill=_SHADOW)
+    def _panel(self, lines: list[str], font: Font, size: float, fill: tuple[int, int, int]) -> Image.Image:
+        """Lines of words, their size in pixels, on a dark ground."""
+        pad, step = 0.4 * self._unit, 1.3 * size
+        width = max(font.getlength(line) for line in lines) + 2 * pad
+        panel = Image.new("RGBA", (round(width), round(step * len(lines) + pad)), DARK)
+        draw = ImageDraw.Draw(panel)
+        for number, line in enumerate(lines):
+            draw.text((pad, 0.5 * pad + step * (number + 0.1)), line, fill=fill, font=font)
+        return panel

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import collections
 import contextlib
-import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +19,10 @@ from moflock_mj.errors import RenderError
 from moflock_mj.flight import AnyFlight
 from moflock_mj.new_file import new_file
 from moflock_mj.playback import Playback, playback_of
+from moflock_mj.video_worker import Shots
 
 _WATCHABLE = 60.0
 """Longest video, s, unless the user chooses the speed."""
-
-_AHEAD = 4
-"""Frames that each process may be ahead of the encoder."""
 
 _PROBE = "import mujoco; mujoco.GLContext(16, 16).make_current()"
 
@@ -50,7 +43,7 @@ def render_video(
 
     Args:
         flights: flights with samples; two share one arena, and each has its own colour.
-        out: the file.
+        out: the file, .mp4.
         camera: overview, chase or top.
         colour: what the drones' colour tells: speed or danger.
         fps: frames a second.
@@ -63,12 +56,20 @@ def render_video(
         RenderError: a setting is out of bounds, there is no GL or no codec, or the file cannot be written.
     """
     _check(camera, fps, speed, size)
+    if Path(out).suffix != ".mp4":
+        raise RenderError(f"{os.fspath(out)}: it must end in .mp4")
     playback = playback_of(flights, colour=colour, names=flight_names(flights))
     seconds = playback.end - playback.begin
     speed = speed or max(1.0, seconds / _WATCHABLE)
     times = playback.begin + np.arange(max(round(seconds / speed * fps), 1)) * speed / fps
-    with new_file(out) as place, _Encoder(place, fps, size) as encoder:
-        for number, frame in enumerate(_frames(playback, times, camera, speed, size, processes), start=1):
+    processes = processes or len(os.sched_getaffinity(0))
+    shots = Shots(camera, speed, size, times.tolist(), min(processes, len(times)))
+    with (
+        new_file(out) as place,
+        _Encoder(place, fps, size) as encoder,
+        contextlib.closing(_frames(playback, shots)) as frames,
+    ):
+        for number, frame in enumerate(frames, start=1):
             encoder.add(frame)
             if progress:
                 progress(number / len(times))
@@ -83,11 +84,9 @@ def find_gl() -> str:
     asked = os.environ.get("MUJOCO_GL")
     ways = (asked,) if asked else ("egl", "osmesa")
     for way in ways:
-        environment = {**os.environ, "MUJOCO_GL": way}
-        if (
-            subprocess.run([sys.executable, "-c", _PROBE], env=environment, capture_output=True, check=False).returncode
-            == 0
-        ):
+        command, environment = [sys.executable, "-c", _PROBE], {**os.environ, "MUJOCO_GL": way}
+        probe = subprocess.run(command, env=environment, capture_output=True, check=False)
+        if probe.returncode == 0:
             return way
     raise RenderError(f"video: no GL: {' and '.join(ways)} failed; on Debian: apt-get install libegl1 libosmesa6")
 
@@ -97,76 +96,64 @@ def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) ->
         raise RenderError(f"camera: {camera!r} is unknown; there are {', '.join(CAMERAS)}")
     if not 1 <= fps <= 240:
         raise RenderError(f"fps: {fps} is out of bounds: it must be at least 1 and at most 240")
-    if speed is not None and not 0 < speed <= 1e4:
-        raise RenderError(f"speed: {speed:g} is out of bounds: it must be over 0 and at most 10000")
+    if speed is not None and not 0.01 <= speed <= 1e4:
+        raise RenderError(f"speed: {speed:g} is out of bounds: it must be at least 0.01 and at most 10000")
     if any(side % 2 or not 64 <= side <= 8192 for side in size):
         raise RenderError(
             f"size: {size[0]}x{size[1]} is out of bounds: each must be even, at least 64 and at most 8192"
         )
 
 
-def _frames(
-    playback: Playback,
-    times: NDArray[np.float64],
-    camera: str,
-    speed: float,
-    size: tuple[int, int],
-    processes: int | None,
-) -> Iterator[NDArray[np.uint8]]:
-    """The frames in order, (height, width, 3); only so many are under way that memory stays small."""
-    processes = processes or len(os.sched_getaffinity(0))
-    with tempfile.TemporaryDirectory(prefix="moflock-video-") as folder, _rendering_by(find_gl()):
-        playback.save(Path(folder))
-        pool = ProcessPoolExecutor(
-            processes,
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_open_studio,
-            initargs=(folder, camera, speed, size),
+def _frames(playback: Playback, shots: Shots) -> Generator[NDArray[np.uint8], None, None]:
+    """The frames in order, (height, width, 3); a process waits while its latest one has not been taken."""
+    crew: list[subprocess.Popen[bytes]] = []
+    with tempfile.TemporaryDirectory(prefix="moflock-video-") as name:
+        folder, way = Path(name), find_gl()
+        playback.save(folder)
+        shots.save(folder)
+        try:
+            for number in range(shots.processes):
+                crew.append(_start_worker(folder, number, way))
+            for number in range(len(shots.times)):
+                turn = number % shots.processes
+                yield _take_frame(crew[turn], shots.size, _words_file(folder, turn))
+        finally:
+            for process in crew:
+                process.kill()
+                process.communicate()
+
+
+def _words_file(folder: Path, number: int) -> Path:
+    """Where a rendering process's stderr goes."""
+    return folder / f"{number}.txt"
+
+
+def _start_worker(folder: Path, number: int, way: str) -> subprocess.Popen[bytes]:
+    """Start a rendering process that imports what this one does; in a session of its own, Ctrl-C does not reach it."""
+    path = os.pathsep.join(str(Path(place).absolute()) for place in sys.path)
+    with _words_file(folder, number).open("wb") as words:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", "moflock_mj.video_worker", str(folder), str(number)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=words,
+            env={**os.environ, "MUJOCO_GL": way, "PYTHONPATH": path},
+            start_new_session=True,
         )
-        with pool:
-            waiting: collections.deque[Future[NDArray[np.uint8]]] = collections.deque()
-            try:
-                for time in times.tolist():
-                    waiting.append(pool.submit(_shoot, time))
-                    if len(waiting) >= _AHEAD * processes:
-                        yield waiting.popleft().result()
-                while waiting:
-                    yield waiting.popleft().result()
-            except BrokenProcessPool:
-                raise RenderError("video: a rendering process died; a smaller size needs less memory") from None
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
 
 
-_studio: Any = None
-"""In a process that renders: what it renders with."""
+def _take_frame(process: subprocess.Popen[bytes], size: tuple[int, int], words: Path) -> NDArray[np.uint8]:
+    """The next frame of a process, (height, width, 3).
 
-
-@contextlib.contextmanager
-def _rendering_by(way: str) -> Iterator[None]:
-    """Let processes that are started now find MUJOCO_GL set, which MuJoCo reads when it is imported."""
-    before = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = way
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["MUJOCO_GL"]
-        else:
-            os.environ["MUJOCO_GL"] = before
-
-
-def _open_studio(folder: str, camera: str, speed: float, size: tuple[int, int]) -> None:
-    """Make a rendering process ready."""
-    global _studio  # noqa: PLW0603 - a pool hands nothing from its initializer to its tasks but this
-    from moflock_mj.studio import Studio  # noqa: PLC0415
-
-    _studio = Studio(Playback.load(Path(folder)), camera, speed, size)
-
-
-def _shoot(time: float) -> NDArray[np.uint8]:
-    frame: NDArray[np.uint8] = _studio.shoot(time)
-    return frame
+    Raises:
+        RenderError: the process has ended; the last of its words say why.
+    """
+    width, height = size
+    frame = process.stdout.read(3 * width * height) if process.stdout else b""
+    if len(frame) < 3 * width * height:
+        reason = words.read_text(errors="replace").strip().rpartition("\n")[2]
+        raise RenderError(f"video: a rendering process ended with status {process.wait()}: {reason or 'no word'}")
+    return np.frombuffer(frame, np.uint8).reshape(height, width, 3)
 
 
 class _Encoder:
@@ -175,8 +162,10 @@ class _Encoder:
     def __init__(self, path: Path, fps: int, size: tuple[int, int]) -> None:
         try:
             import av  # noqa: PLC0415 - an extra
-        except ImportError:
-            raise RenderError("video: PyAV is not installed; pip install 'moflock-mj[video]'") from None
+            import PIL.Image  # noqa: F401, PLC0415 - of the same extra, for the words in the picture
+        except ImportError as problem:
+            name = str(problem.name).partition(".")[0]
+            raise RenderError(f"video: {name} is not installed; pip install 'moflock-mj[video]'") from None
         self._av = av
         self._container = av.open(str(path), "w", format="mp4")
         try:

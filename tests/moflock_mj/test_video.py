@@ -52,6 +52,23 @@ def test_a_video_shows_the_flight(tmp_path, camera, colour):
 
 
 @needs_gl
+def test_every_drone_is_seen_in_the_colour_that_the_legend_gives_it(tmp_path):
+    render_video([flown()], tmp_path / "v.mp4", camera="top", fps=1, size=(640, 360), processes=1)
+    picture = frames_of(tmp_path / "v.mp4")[0].astype(int)
+    arena = picture[40:320, 190:450]
+    red, _, blue = arena.transpose(2, 0, 1)
+    assert np.sum((blue > 150) & (blue - red > 60)) > 4 * 20  # four blue markers of some pixels each
+
+
+@needs_gl
+def test_a_rendering_process_that_fails_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("moflock_mj.video.find_gl", lambda: "nothing")
+    with pytest.raises(RenderError, match=r"ended with status 1: RuntimeError: .*MUJOCO_GL: nothing"):
+        render_video([flown()], tmp_path / "v.mp4", processes=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_gl
 def test_two_flights_share_a_video(tmp_path):
     render_video([flown("A"), flown("B")], tmp_path / "v.mp4", fps=2, size=(320, 180), processes=2)
     assert len(frames_of(tmp_path / "v.mp4")) == 4
@@ -62,6 +79,7 @@ def test_two_flights_share_a_video(tmp_path):
     [
         ({"fps": 0}, "fps: 0"),
         ({"speed": -1.0}, "speed: -1"),
+        ({"speed": 1e-9}, "speed: 1e-09"),
         ({"size": (321, 180)}, "size: 321x180"),
         ({"camera": "side"}, "camera: 'side'"),
         ({"colour": "red"}, "colour"),
@@ -71,6 +89,11 @@ def test_bad_settings_are_refused_and_leave_nothing(tmp_path, settings, words):
     with pytest.raises(RenderError, match=words):
         render_video([flown()], tmp_path / "v.mp4", processes=1, **settings)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_only_mp4_is_written(tmp_path):
+    with pytest.raises(RenderError, match=r"must end in \.mp4"):
+        render_video([flown()], tmp_path / "v.avi")
 
 
 def test_no_gl_is_one_line(tmp_path, monkeypatch):
@@ -101,6 +124,8 @@ def test_the_viewers_clock_runs_rests_and_leaps():
     player.press(263)
     assert player.time == 0.0
     player.press(32)
+    player.press(61)
+    player.press(45)
     player.press(265)
     player.advance(5.0)
     assert player.time == 10.0
