@@ -8,7 +8,7 @@ from pathlib import Path
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import RenderError
 from moflock_mj.flight import AnyFlight, Samples
-from moflock_mj.points import paper_point, point_names
+from moflock_mj.points import named_point, point_names
 
 _DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses"}
 
@@ -53,8 +53,8 @@ def figures(flight: AnyFlight) -> str:
 
 
 def _point_name(params: FlockingParams) -> str:
-    """A paper's point, or none of them."""
-    names = [name for name in point_names() if paper_point(name) == params]
+    """A named point, or none of them."""
+    names = [name for name in point_names() if named_point(name) == params]
     return f"point {names[0]}" if names and len(names[0]) == 1 else names[0] if names else "own point"
 
 

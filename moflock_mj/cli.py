@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from moflock_mj.errors import MoflockError
+from optimize.commands import commands as search_commands
 
 if TYPE_CHECKING:
     from moflock_mj.flight import Follower
@@ -171,6 +172,9 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal()):
         raise MoflockError(f"size: {text!r} is of the wrong type: it must be WIDTHxHEIGHT in pixels")
     return int(width), int(height)
+
+
+app.add_typer(search_commands)
 
 
 def main() -> None:

@@ -26,6 +26,11 @@ _PAPER_POINTS = {
     ),
 }  # fmt: skip
 
+_OWN_POINTS = ("fast", "knee", "cohesive")
+"""Points that our own search has found; `named_points/` has each with its provenance, as `make paper` writes it."""
+
+_OWN_FOLDER = Path(__file__).parent / "named_points"
+
 _MUST_BE_POSITIVE = ("a_frict", "p_frict", "a_shill", "p_shill")
 """The braking curve divides by its slope and brakes by its acceleration."""
 
@@ -34,8 +39,21 @@ _LARGEST_FILE = 1 << 20
 
 
 def point_names() -> tuple[str, ...]:
-    """Names that `paper_point` knows."""
-    return tuple(_PAPER_POINTS)
+    """Names that `named_point` knows."""
+    return (*_OWN_POINTS, *_PAPER_POINTS)
+
+
+def named_point(name: str) -> FlockingParams:
+    """A point of the paper's, or one of our own: "fast", "knee" or "cohesive".
+
+    Raises:
+        PointError: another name.
+    """
+    if name in _OWN_POINTS:
+        return _read_point(_OWN_FOLDER / f"{name}.json")
+    if name not in _PAPER_POINTS:
+        raise PointError(f"point {name}: unknown; it must be one of {', '.join(point_names())}, or a .json file")
+    return _PAPER_POINTS[name]
 
 
 def paper_point(name: str) -> FlockingParams:
@@ -79,12 +97,16 @@ def load_point(name_or_path: str) -> FlockingParams:
     Raises:
         PointError: no such name or file, or not a point.
     """
-    if name_or_path in _PAPER_POINTS:
-        return _PAPER_POINTS[name_or_path]
     path = Path(name_or_path)
-    if path.suffix != ".json":
-        known = ", ".join(_PAPER_POINTS)
-        raise PointError(f"point {name_or_path}: unknown; it must be one of {known}, or a .json file")
+    return _read_point(path) if path.suffix == ".json" else named_point(name_or_path)
+
+
+def dump_point(params: FlockingParams) -> str:
+    """The point as JSON, as `load_point` reads it."""
+    return json.dumps({"params": params._asdict()}, indent=1) + "\n"
+
+
+def _read_point(path: Path) -> FlockingParams:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise PointError(f"point {path}: {path.stat().st_size} bytes; it must be at most {_LARGEST_FILE}")
@@ -97,11 +119,6 @@ def load_point(name_or_path: str) -> FlockingParams:
         return _point_of(content)
     except PointError as problem:
         raise PointError(f"point {path}: {problem}") from None
-
-
-def dump_point(params: FlockingParams) -> str:
-    """The point as JSON, as `load_point` reads it."""
-    return json.dumps({"params": params._asdict()}, indent=1) + "\n"
 
 
 def _point_of(content: Any) -> FlockingParams:
