@@ -40,9 +40,6 @@ from optimize.verbs import flights_progress
 NAMED_POINTS = Path(__file__).parent.parent / "moflock_mj" / "named_points"
 """Where `moflock_mj.points` finds the project's own points."""
 
-CORNER = (250.0, 250.0)
-"""m; the paper's extreme case is a target in a corner of the arena."""
-
 
 class Effort(NamedTuple):
     """How much is flown.
@@ -52,6 +49,7 @@ class Effort(NamedTuple):
         analyses: how many of them, on seeds of their own.
         budget: flights of each search.
         runs: of each search that is compared.
+        fresh: seeds on which searches are compared.
         seeds: fresh seeds for each point of the front.
         tracks: flights of each point around the target.
     """
@@ -60,14 +58,16 @@ class Effort(NamedTuple):
     analyses: int = 4
     budget: int = 2000
     runs: int = 3
+    fresh: int = comparison.SEEDS
     seeds: int = SEEDS
     tracks: int = 30
 
 
-def reproduce(logs: Path, docs: Path, named: Path, *, workers: int, effort: Effort) -> Path:
+def reproduce(scenario: Scenario, logs: Path, docs: Path, named: Path, *, workers: int, effort: Effort) -> Path:
     """Do the whole study.
 
     Args:
+        scenario: what is flown, on point masses.
         logs: where the searches go, and are taken up again.
         docs: gets `reproduction.md` and a folder of figures.
         named: gets the named points.
@@ -80,7 +80,7 @@ def reproduce(logs: Path, docs: Path, named: Path, *, workers: int, effort: Effo
     Raises:
         MoflockError: something cannot be written.
     """
-    scenario = search_scenario(Scenario(), "point_mass")
+    scenario = search_scenario(scenario, "point_mass")
     pictures = docs / "reproduction"
     runs = {
         name: [_searched(logs, scenario, workers, effort, seed=seed, **chosen) for seed in range(1, effort.runs + 1)]
@@ -91,7 +91,10 @@ def reproduce(logs: Path, docs: Path, named: Path, *, workers: int, effort: Effo
     tracked = {name: _tracked(name, scenario, effort.tracks) for name in ("A", "B")}
     with make_executor(Job(scenario=scenario, dynamics="point_mass"), workers) as executor:
         found = _findings(main, single, executor, effort.seeds)
-        scores = {name: score([_front(path, executor) for path in paths]) for name, paths in runs.items()}
+        scores = {
+            name: score([_front(path, executor, effort.fresh) for path in paths], effort.fresh)
+            for name, paths in runs.items()
+        }
     told = Study(found, analyses, scores, effort.budget, _singles(single, logs, scenario, workers, effort), tracked)
     write_report(found, pictures)
     _draw_flight(told.singles["without bounds"], scenario, pictures / "unbounded.png")
@@ -134,9 +137,9 @@ def _findings(main: Path, single: Path, executor: Executor, seeds: int) -> Findi
         return gather(run, executor, compared=[other], seeds=seeds, told=told)
 
 
-def _front(path: Path, executor: Executor) -> FlownFront:
+def _front(path: Path, executor: Executor, seeds: int) -> FlownFront:
     with RunDirectory.open(path) as run, flights_progress(f"front of {path.name}") as told:
-        return flown_front(run, executor, comparison.SEEDS, told)
+        return flown_front(run, executor, seeds, told)
 
 
 def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort: Effort) -> dict[str, Single]:
@@ -152,7 +155,7 @@ def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort
             with RunDirectory.open(path) as run, flights_progress(f"CMA-ES {name}") as told:
                 (params,) = best_singles([run]).values()
                 used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
-            seeds = fresh_seeds(comparison.SEEDS, used)
+            seeds = fresh_seeds(effort.fresh, used)
             flown = fly_points(executor, np.array([params]), [seeds], told)
             found[name] = Single(params, flown.fitness[0], seeds[0])
     return found
@@ -182,9 +185,10 @@ def _analyses(run: Path, scenario: Scenario, workers: int, effort: Effort) -> li
 
 
 def _tracked(name: str, scenario: Scenario, flights: int) -> list[TargetResult]:
-    """A paper's point around a target in the corner, flight by flight."""
+    """A paper's point around a target in a corner of the arena, its extreme case, flight by flight."""
+    corner = (scenario.arena_side / 2, scenario.arena_side / 2)
     return [
-        track_target(paper_point(name), target=CORNER, scenario=scenario, seed=seed) for seed in range(1, flights + 1)
+        track_target(paper_point(name), target=corner, scenario=scenario, seed=seed) for seed in range(1, flights + 1)
     ]
 
 
@@ -196,7 +200,7 @@ def main() -> None:
     parser.add_argument("--docs", type=Path, default=Path("docs"))
     parser.add_argument("--named", type=Path, default=NAMED_POINTS)
     asked = parser.parse_args()
-    print(reproduce(asked.logs, asked.docs, asked.named, workers=asked.workers, effort=Effort()))
+    print(reproduce(Scenario(), asked.logs, asked.docs, asked.named, workers=asked.workers, effort=Effort()))
 
 
 if __name__ == "__main__":
