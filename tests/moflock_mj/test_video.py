@@ -9,11 +9,12 @@ import pytest
 
 from moflock_mj import Scenario, fly, paper_point
 from moflock_mj.errors import RenderError
+from moflock_mj.gl import find_gl
 from moflock_mj.viewer import Player, show
 
 av = pytest.importorskip("av", reason="PyAV is not installed: the extra `video`")
 
-from moflock_mj.video import find_gl, render_video  # noqa: E402 - after the extra is known to be there
+from moflock_mj.video import render_video  # noqa: E402 - after the extra is known to be there
 
 try:
     find_gl()
