@@ -22,6 +22,12 @@ from moflock_mj.new_file import new_file
 from moflock_mj.playback import Playback, playback_of
 from moflock_mj.video_worker import Shots
 
+SMALLEST = 480, 270
+"""Width and height, pixels, of the smallest video whose words can be read and do not cover each other."""
+
+_LARGEST = 8192
+"""Pixels of the longest side."""
+
 _WATCHABLE = 60.0
 """Longest video, s, unless the user chooses the speed."""
 
@@ -81,9 +87,11 @@ def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) ->
         raise RenderError(f"fps: {fps} is out of bounds: it must be at least 1 and at most 240")
     if speed is not None and not 0.01 <= speed <= 1e4:
         raise RenderError(f"speed: {speed:g} is out of bounds: it must be at least 0.01 and at most 10000")
-    if any(side % 2 or not 64 <= side <= 8192 for side in size):
+    (width, height), (least_wide, least_high) = size, SMALLEST
+    if width % 2 or height % 2 or not (least_wide <= width <= _LARGEST and least_high <= height <= _LARGEST):
         raise RenderError(
-            f"size: {size[0]}x{size[1]} is out of bounds: each must be even, at least 64 and at most 8192"
+            f"size: {width}x{height} is out of bounds: it must be even numbers, at least {least_wide}x{least_high} "
+            f"and at most {_LARGEST}x{_LARGEST}"
         )
 
 
