@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import enum
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from moflock_mj.errors import MoflockError
+from moflock_mj.gl import do_without_gl
 from optimize.commands import commands as search_commands
 
 if TYPE_CHECKING:
@@ -122,7 +125,7 @@ def replay_command(
     recover: Annotated[bool, typer.Option("--recover", help="Save what is intact of a broken log.")] = False,
     viewer: Annotated[bool, typer.Option("--viewer", help="Play it in MuJoCo's viewer.")] = False,
     video: Annotated[Path | None, typer.Option(help="Write a video, .mp4.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Write its curves and ways, .png, .svg or .pdf.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Write its curves and trajectories, .png, .svg or .pdf.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write a page with a 3D replay.")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write its samples as CSV.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write its samples as Parquet.")] = None,
@@ -179,6 +182,8 @@ app.add_typer(search_commands)
 
 def main() -> None:
     """Run the command line; errors that are the user's to mend become one line on stderr."""
+    signal.signal(signal.SIGTERM, _leave)
+    do_without_gl()
     try:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except MoflockError as problem:
@@ -191,6 +196,12 @@ def main() -> None:
         sys.stderr.close()
         status = 1
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _leave(signal_number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    """End the command as an exception would, so that it cleans up; a second wish does not disturb it at that."""
+    signal.signal(signal_number, signal.SIG_IGN)
+    sys.exit(128 + signal_number)
 
 
 def _refuse(message: str) -> int:

@@ -6,10 +6,11 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from controllers.flocking import FlockingParams
-from moflock_mj.errors import PointError
+from controllers.loitering import LoiteringParams
+from moflock_mj.errors import PointError, ScenarioError
 from moflock_mj.quantities import check_keys
 
 _PAPER_POINTS = {
@@ -89,6 +90,25 @@ def check_point(values: Any) -> FlockingParams:
         if name in _MUST_BE_POSITIVE and value <= 0:
             raise PointError(f"{name}: {value!r} is out of bounds: it must be over 0")
     return FlockingParams(*(float(value) for value in numbers))
+
+
+def with_target(params: FlockingParams, target: tuple[float, float], reach: float) -> FlockingParams:
+    """A point's parameters and a target to loiter around, as a flight takes them: `LoiteringParams`.
+
+    A flight asks its parameters for the 12 by their names, and its loop for their type, which chooses the policy.
+
+    Args:
+        params: the 12 parameters.
+        target: (x, y), m, world.
+        reach: m, how far from the origin x and y may be.
+
+    Raises:
+        ScenarioError: the target is out of reach.
+    """
+    for name, value in zip(("target_x", "target_y"), target, strict=True):
+        if not abs(value) <= reach:
+            raise ScenarioError(f"{name}: {value!r} m is out of bounds: it must be at most {reach:g} m in size")
+    return cast("FlockingParams", LoiteringParams.of(check_point(params), target))
 
 
 def load_point(name_or_path: str) -> FlockingParams:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import os
 import subprocess
@@ -42,18 +43,18 @@ def export_layouts(log: LoggedFlight | str | os.PathLike[str], folder: str | os.
     if missing:
         raise RenderError(f"layouts: {flight.log} has no attachment {missing[0]}; another release has written it")
     layout, blueprint = Path(folder) / LAYOUT_NAME, Path(folder) / BLUEPRINT_NAME.removesuffix(".gz")
-    with new_file(layout) as place:
-        place.write_bytes(flight.attachments[LAYOUT_NAME])
-    with new_file(blueprint) as place:
-        place.write_bytes(_unpacked(flight.attachments[BLUEPRINT_NAME]))
-    if flight.log is None or not find_spec("rerun_cli"):
-        return [layout, blueprint]
-    recording = Path(folder) / f"{Path(flight.log).stem}.rrd"
-    with new_file(recording) as place, tempfile.TemporaryDirectory() as scratch:
-        bare = Path(scratch) / "bare.rrd"
-        _rerun("mcap", "convert", str(flight.log), "--application-id", APPLICATION, "-o", str(bare))
-        _rerun("rrd", "merge", str(bare), str(blueprint), "-o", str(place))
-    return [layout, blueprint, recording]
+    written = [layout, blueprint]
+    with contextlib.ExitStack() as places:  # all of them appear, or none
+        layout_place, blueprint_place = (places.enter_context(new_file(path)) for path in written)
+        layout_place.write_bytes(flight.attachments[LAYOUT_NAME])
+        blueprint_place.write_bytes(_unpacked(flight.attachments[BLUEPRINT_NAME]))
+        if find_spec("rerun_cli"):
+            written.append(Path(folder) / f"{flight.log.stem}.rrd")
+            recording = places.enter_context(new_file(written[-1]))
+            bare = Path(places.enter_context(tempfile.TemporaryDirectory())) / "bare.rrd"
+            _rerun("mcap", "convert", str(flight.log), "--application-id", APPLICATION, "-o", str(bare))
+            _rerun("rrd", "merge", str(bare), str(blueprint_place), "-o", str(recording))
+    return written
 
 
 def _rerun(*arguments: str) -> None:
