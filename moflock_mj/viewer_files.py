@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import io
 import os
 import subprocess
 import sys
 import tempfile
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,6 +21,10 @@ from moflock_mj.rerun_blueprint import APPLICATION
 
 _PATIENCE = 600
 """Seconds that Rerun has to convert a log; it takes 2 for 600 s of 30 drones."""
+
+
+_LARGEST_BLUEPRINT = 1 << 24
+"""Bytes; ours has 200 thousand."""
 
 
 def export_layouts(log: LoggedFlight | str | os.PathLike[str], folder: str | os.PathLike[str]) -> list[Path]:
@@ -67,7 +73,12 @@ def _rerun(*arguments: str) -> None:
 
 
 def _unpacked(data: bytes) -> bytes:
+    """A gzip file's content, if it is as small as a blueprint is."""
     try:
-        return gzip.decompress(data)
-    except (OSError, EOFError) as problem:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            content = file.read(_LARGEST_BLUEPRINT + 1)
+    except (OSError, EOFError, zlib.error) as problem:
         raise RenderError(f"layouts: attachment {BLUEPRINT_NAME}: {problem}") from problem
+    if len(content) > _LARGEST_BLUEPRINT:
+        raise RenderError(f"layouts: attachment {BLUEPRINT_NAME}: it must unpack to at most {_LARGEST_BLUEPRINT} bytes")
+    return content
