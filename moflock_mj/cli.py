@@ -47,7 +47,9 @@ def moflock() -> None:
 
 @app.command("fly", epilog="Example: moflock fly --point A --drones 20 --duration 120 --log logs/a.mcap")
 def fly_command(
-    point: Annotated[str, typer.Option(help="A, B, model_optimum, or a .json file of parameters.")] = "model_optimum",
+    point: Annotated[
+        str, typer.Option(help="knee, fast, cohesive, A, B, model_optimum, or a .json file of parameters.")
+    ] = "knee",
     dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
     scenario: Annotated[Path | None, typer.Option(help="TOML file; what it leaves out is the paper's.")] = None,
     drones: Annotated[int | None, typer.Option(help="Number of drones.")] = None,
