@@ -78,7 +78,7 @@ class Evolution:
     """pymoo's genetic algorithms, with SBX (0.9, 15) and polynomial mutation (20).
 
     Args:
-        name: "nsga2" (Deb et al. 2002) or "agemoea2" (Panichella 2022).
+        name: "nsga2" (Deb et al. 2002) or "unsga3" (Seada and Deb 2016).
         objectives: K.
         population: points that survive, and that are flown, in a generation.
         seed: of its random numbers.
@@ -86,12 +86,13 @@ class Evolution:
     """
 
     def __init__(self, name: str, objectives: int, population: int, seed: int, brood: int) -> None:
-        from pymoo.algorithms.moo.age2 import AGEMOEA2  # noqa: PLC0415 - pymoo takes a second to load
-        from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415
+        from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - pymoo takes a second to load
+        from pymoo.algorithms.moo.unsga3 import UNSGA3  # noqa: PLC0415
         from pymoo.operators.crossover.sbx import SBX  # noqa: PLC0415
         from pymoo.operators.mutation.pm import PM  # noqa: PLC0415
 
-        kinds = {"nsga2": NSGA2, "agemoea2": AGEMOEA2}
+        kinds = {"nsga2": NSGA2, "unsga3": UNSGA3}
+        more = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
         self._algorithm = kinds[name](
             pop_size=population,
             n_offsprings=brood * population,
@@ -99,6 +100,7 @@ class Evolution:
             mutation=PM(eta=20),
             termination=_never(),
             seed=seed,
+            **more,
         )
         self._algorithm.setup(_cube(objectives))
         self._population = population
@@ -220,6 +222,15 @@ def _promising(expected: Belief, count: int) -> NDArray[np.int64]:
         apart = front[np.argsort(-calc_crowding_distance(-hoped[front]), kind="stable")]
         chosen.extend(apart[: count - len(chosen)].tolist())
     return np.array(chosen)
+
+
+def _even_directions(objectives: int, count: int) -> NDArray[np.float64]:
+    """`count` directions (count, K) that cover the front evenly: a grid for two objectives, else by Riesz's energy."""
+    from pymoo.util.ref_dirs import get_reference_directions  # noqa: PLC0415
+
+    if objectives == 2:
+        return np.asarray(get_reference_directions("das-dennis", 2, n_partitions=count - 1))
+    return np.asarray(get_reference_directions("energy", objectives, count, seed=1))
 
 
 def _cube(objectives: int) -> Any:

@@ -23,7 +23,7 @@ class Algorithm(enum.StrEnum):
     """Who searches."""
 
     NSGA2 = "nsga2"
-    AGEMOEA2 = "agemoea2"
+    UNSGA3 = "unsga3"
     CMAES = "cmaes"
     PSO = "pso"
 

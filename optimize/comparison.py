@@ -16,7 +16,7 @@ SEEDS = 40
 
 ENTRANTS: Mapping[str, Mapping[str, Any]] = {
     "NSGA-II": {"algorithm": "nsga2"},
-    "AGE-MOEA-II": {"algorithm": "agemoea2"},
+    "U-NSGA-III": {"algorithm": "unsga3"},
     "NSGA-II, one fixed seed": {"algorithm": "nsga2", "noise": "fixed"},
     "CMA-ES": {"algorithm": "cmaes"},
     "PSO": {"algorithm": "pso"},

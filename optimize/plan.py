@@ -53,7 +53,7 @@ def noise_policy(name: str, population: int) -> NoisePolicy:
     """The policy of a name: "fixed" or "refly"."""
     if name == "fixed":
         return NoisePolicy(fresh=False, leaders=0, finals=0.0, brood=1)
-    return NoisePolicy(fresh=True, leaders=population // 2, finals=0.15, brood=10)
+    return NoisePolicy(fresh=True, leaders=population // 5, finals=0.15, brood=10)
 
 
 class Plan:
@@ -163,7 +163,7 @@ class Memory:
         np.add.at(self._flights.number, rows, values.shape[1])
         np.add.at(self._flights.total, rows, values.sum(axis=1))
         np.add.at(self._flights.squares, rows, (values**2).sum(axis=1))
-        self._regression = Regression(self._flights)
+        self._regression = Regression(self._flights, self._regression)
         self.believed = self._regression.mean()
 
     def foresee(self, points: NDArray[np.float64]) -> Belief | None:

@@ -104,7 +104,7 @@ def test_leaders_fly_again():
     assert max(counts.values()) >= 5
 
 
-@pytest.mark.parametrize("name", ["nsga2", "agemoea2"])
+@pytest.mark.parametrize("name", ["nsga2", "unsga3"])
 def test_of_a_brood_the_most_promising_fly(name):
     """All that is known of points is how far their first coordinate is: only those far along it are flown."""
     algorithm = make_algorithm(name, 2, 10, 1, brood=20)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optimize import regression
-from optimize.regression import Flights, Regression, flight_variance, pooled_variance
+from optimize.regression import Flights, Regression, flight_variance, pooled_variance, unlikeliness
 
 
 def truth_at(points):
@@ -30,21 +30,22 @@ def noisy(number, deviation=0.2, seed=1):
     return flown(points, truth_at(points), number, rng, deviation)
 
 
-def slow_belief(flights, variance, length, at):
-    """Mean and deviation (m, K) at points `at`, each by its own linear system: the textbook's equations 2.23, 2.24."""
-    width = np.ptp(flights.points, axis=0)
+def slow_covariance(a, b, signal, lengths):
+    r = np.sqrt(5 * np.sum(((a - b) / lengths) ** 2))
+    return signal * (1 + r + r**2 / 3) * np.exp(-r)
+
+
+def slow_belief(flights, variance, lengths, at):
+    """Mean and deviation (m, 2) at points `at`, each by its own linear system: the textbook's equations 2.23, 2.24."""
+    lengths = lengths * np.ptp(flights.points, axis=0)
     values, noise = flights.mean[:, 0], variance[:, 0] / flights.number
-    scatter = values.var()
-    signal = max(scatter - noise.mean(), 0.1 * scatter)
-
-    def kernel(a, b):
-        return signal * np.exp(-np.sum(((a - b) / width) ** 2) / (2 * length**2))
-
-    covariance = np.array([[kernel(a, b) for b in flights.points] for a in flights.points]) + np.diag(noise)
+    signal = max(values.var() - noise.mean(), 0.1 * values.var())
+    covariance = np.array([[slow_covariance(a, b, signal, lengths) for b in flights.points] for a in flights.points])
+    covariance += np.diag(noise)
     prior = np.sum(values / (signal + noise)) / np.sum(1 / (signal + noise))
     found = []
     for point in at:
-        k = np.array([kernel(point, b) for b in flights.points])
+        k = np.array([slow_covariance(point, b, signal, lengths) for b in flights.points])
         mean = prior + k @ np.linalg.solve(covariance, values - prior)
         found.append((mean, np.sqrt(signal - k @ np.linalg.solve(covariance, k))))
     return np.array(found)
@@ -54,16 +55,38 @@ def test_it_is_the_textbooks_regression():
     flights = noisy([2] * 40)
     found = Regression(flights)
     at = np.random.default_rng(2).random((5, 12))
-    level = found.mean()
-    # The scatter is learnt from a first belief, which with so few points is the belief itself but for its noise.
-    variance = found._variance
-    np.testing.assert_allclose(variance, flight_variance(flights, level), rtol=0.2)
-    wanted = min(
-        (slow_belief(flights, variance, length, at) for length in (0.25, 0.5, 1.0, 2.0)),
-        key=lambda twin: np.abs(twin[:, 0] - found.foresee(at).mean[:, 0]).max(),
-    )
+    wanted = slow_belief(flights, found._variance, found._processes.lengths[0], at)
     np.testing.assert_allclose(found.foresee(at).mean[:, 0], wanted[:, 0], atol=1e-9)
     np.testing.assert_allclose(found.foresee(at).deviation[:, 0], wanted[:, 1], atol=1e-7)
+
+
+def test_the_gradient_of_the_likelihood():
+    rng = np.random.default_rng(4)
+    points, values, noise, at = rng.random((15, 3)), rng.standard_normal(15), rng.random(15), rng.standard_normal(3)
+
+    def value(log_lengths):
+        """Minus the logarithm of a normal density, with the prior of the lengths."""
+        covariance = np.array([[slow_covariance(a, b, 0.7, np.exp(log_lengths)) for b in points] for a in points])
+        covariance += np.diag(noise)
+        likelihood = 0.5 * values @ np.linalg.solve(covariance, values) + 0.5 * np.linalg.slogdet(covariance)[1]
+        return likelihood + 0.5 * log_lengths @ log_lengths
+
+    found, gradient = unlikeliness(at, points, values, noise, 0.7)
+    assert found == pytest.approx(value(at))
+    nudges = 1e-5 * np.eye(3)
+    np.testing.assert_allclose(gradient, [(value(at + n) - value(at - n)) / 2e-5 for n in nudges], rtol=1e-5)
+
+
+def test_coordinates_that_do_not_matter_are_found_out():
+    lengths = Regression(noisy([2] * 200, deviation=0.05))._processes.lengths[0]
+    assert lengths[:2].max() < 0.7 * lengths[2:].min(), "the objective depends on the first two alone"
+
+
+def test_lengths_are_kept_until_there_are_many_more_points():
+    first = Regression(noisy([2] * 40))
+    same = Regression(noisy([2] * 45, seed=2), first)
+    np.testing.assert_array_equal(same._processes.lengths, first._processes.lengths)
+    assert (Regression(noisy([2] * 60, seed=3), same)._processes.lengths != first._processes.lengths).any()
 
 
 def test_it_is_nearer_to_the_truth_than_the_flights_are():
