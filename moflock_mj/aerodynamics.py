@@ -75,6 +75,11 @@ def air_drag(scenario: Scenario, airframe: Airframe) -> AirDrag:
     return AirDrag(AIR_DENSITY * area / 2, airframe.mass * rotor, ROTORS * airframe.hover_thrust())
 
 
+def wind_push(drag: AirDrag, speed: float, mass: float) -> float:
+    """Acceleration with which air of a speed (m/s) pushes a level body in hover, m/s^2."""
+    return (drag.body * speed + drag.rotors) * speed / mass
+
+
 def make_jets(scenario: Scenario, airframe: Airframe) -> Jets | Off:
     """The downwash of a scenario."""
     if scenario.downwash is None:

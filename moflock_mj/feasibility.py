@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from controllers.airframe import Airframe
 from controllers.tuning import largest_push
-from moflock_mj.aerodynamics import AirDrag, make_drag
+from moflock_mj.aerodynamics import AirDrag, make_drag, wind_push
 from moflock_mj.battery import Cells, make_cells
 from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario import Scenario
@@ -32,7 +32,7 @@ def check_air(scenario: Scenario, airframe: Airframe) -> None:
     most = largest_push(airframe, scenario.tilt_max)
     speeds = {"v_flock": scenario.v_flock} | ({"wind.speed": scenario.wind.speed} if scenario.wind else {})
     for field, speed in speeds.items():
-        push = (drag.body * speed + drag.rotors) * speed / airframe.mass
+        push = wind_push(drag, speed, airframe.mass)
         if push > most:
             raise ScenarioError(
                 f"{field}: {speed:g} m/s pushes the airframe {airframe.name} with {push:.3g} m/s^2: by its rotors and "

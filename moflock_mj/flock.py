@@ -20,7 +20,7 @@ from moflock_mj.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.sensing import SensorModel, SensorState
 from moflock_mj.snapshot import generator_facts, pack, set_generator, unpack
 from moflock_mj.start import start_world
-from moflock_mj.wind import GUST_DRAWS, Gusts, make_wind
+from moflock_mj.wind import GUST_DRAWS, Wind, make_wind
 
 
 class Flock:
@@ -56,7 +56,7 @@ class Flock:
         if dynamics == "rigid_body":
             from moflock_mj.rigid_body import RigidBodyFlock  # noqa: PLC0415 - point masses fly without MuJoCo
 
-            self.body = RigidBodyFlock(scenario, self.step, world, self.wind)
+            self.body = RigidBodyFlock(scenario, self.step, clocks.steps_per_beat, world, self.wind)
             plant = self.body.plant
         else:
             plant = make_point_masses(scenario, self.step, world, self.wind)
@@ -130,15 +130,16 @@ class Flock:
         clocks, drones = self.stages.clocks, self.scenario.drones
         ticks = -(-(self.beat + beats) // clocks.sense_every) - -(-self.beat // clocks.sense_every)
         steps = beats * clocks.steps_per_beat
+        imu = self.body is not None and self.scenario.imu is not None
         lossy = drones if self.stages.sensors.packet_loss > 0 else 0
         return Draws(
             gps=self.streams.sensing.standard_normal((ticks, 2, 2, drones)),
             loss=self.streams.communication.random((ticks, lossy, lossy)),
-            fix=np.empty((0, 2, drones)),
+            fix=self.streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
             outer=self.streams.disturbance.standard_normal((steps if self.scenario.wind is None else 0, 2, drones)),
-            gust=self.streams.wind.standard_normal((beats if isinstance(self.wind, Gusts) else 0, GUST_DRAWS, drones)),
-            inertial=np.empty((0, 6, drones), np.float32),
-            walk=np.empty((0, 6, drones)),
+            gust=self.streams.wind.standard_normal((beats if self.scenario.wind else 0, GUST_DRAWS, drones)),
+            inertial=self.streams.inertial.standard_normal((steps if imu else 0, 6, drones), np.float32),
+            walk=self.streams.walk.standard_normal((beats if imu else 0, 6, drones)),
         )
 
     @property
@@ -180,7 +181,7 @@ class Flock:
             "sensor": memory.sensor_state,
             "tally": memory.tally,
         }
-        if isinstance(self.wind, Gusts):
+        if isinstance(self.wind, Wind):
             rooms["wind"] = self.wind
         if isinstance(self.stages.plant, WindyPointMass):
             rooms["point_mass"] = self.stages.plant

@@ -16,7 +16,7 @@ from controllers.tuning import Bandwidths, largest_push
 from controllers.velocity import clip_length, observe_axis
 from moflock_mj.plant import Noise, advance, take_fix, write_state
 from moflock_mj.scenario import Scenario
-from moflock_mj.wind import air_velocity, blow
+from moflock_mj.wind import Wind, air_velocity, blow
 from moflock_mj.world import World
 
 
@@ -62,7 +62,7 @@ class WindyPointMass(NamedTuple):
     observer: NDArray[np.float64]
 
 
-def make_point_masses(scenario: Scenario, step: float, world: World, wind: NamedTuple) -> PointMass | WindyPointMass:
+def make_point_masses(scenario: Scenario, step: float, world: World, wind: Wind | Off) -> PointMass | WindyPointMass:
     """The point masses of a scenario, where `world` has them at the start.
 
     Raises:
@@ -71,7 +71,7 @@ def make_point_masses(scenario: Scenario, step: float, world: World, wind: Named
     """
     if isinstance(wind, Off):
         return PointMass(step, scenario.tau, scenario.a_max, scenario.sigma_outer)
-    from moflock_mj.aerodynamics import air_drag  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
+    from moflock_mj.aerodynamics import air_drag, wind_push  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
     from moflock_mj.airframes import load_airframe  # noqa: PLC0415
     from moflock_mj.feasibility import check_air  # noqa: PLC0415
 
@@ -80,6 +80,7 @@ def make_point_masses(scenario: Scenario, step: float, world: World, wind: Named
     drag = air_drag(scenario, airframe)
     observer = np.zeros((4, scenario.drones))
     observer[:2] = world.velocity[:2]
+    observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyFlock`
     return WindyPointMass(
         step=step,
         tau=scenario.tau,

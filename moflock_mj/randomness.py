@@ -16,6 +16,8 @@ class Streams(NamedTuple):
     disturbance: np.random.Generator
     wind: np.random.Generator
     inertial: np.random.Generator
+    walk: np.random.Generator
+    fix: np.random.Generator
 
     @classmethod
     def of(cls, seed: int) -> Streams:

@@ -15,6 +15,7 @@ from controllers.cascade import OBSERVER_SIZE, Gains, rotor_wrench, track_veloci
 from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel
 from controllers.tuning import TuningError, design_gains, largest_push
 from moflock_mj.aerodynamics import (
+    AirDrag,
     add_drag,
     air_force_bound,
     ground_lift,
@@ -23,15 +24,17 @@ from moflock_mj.aerodynamics import (
     make_jets,
     wash,
     washed,
+    wind_push,
 )
 from moflock_mj.airframes import flock_model, load_airframe
 from moflock_mj.battery import battery_lift, drain, make_cells, power_factor, rotor_power
 from moflock_mj.errors import AirframeError
 from moflock_mj.feasibility import check_air
+from moflock_mj.inertial import Sensors, believed, feel, make_sensors, take_bearings, walk_biases
 from moflock_mj.mujoco_link import mj_step
 from moflock_mj.plant import Noise, advance, take_fix, write_state
 from moflock_mj.scenario import Scenario
-from moflock_mj.wind import blow
+from moflock_mj.wind import Wind, blow
 from moflock_mj.world import World
 
 _MUJOCO_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -88,12 +91,14 @@ class RigidBody(NamedTuple):
         ground: under the rotors.
         battery: of each drone, see `moflock_mj.battery`, or Off.
         power_factor: W/N^1.5, see `moflock_mj.battery`.
+        sensors: on board, see `moflock_mj.inertial`, or Off.
         reach: m, from a body's centre to the farthest point of its collision shape.
         model: address of the model.
         model_apart: address of the same model without collision detection.
         data: address of the data.
         qpos: (N, 7), position m world, quaternion w x y z.
         qvel: (N, 6), velocity m/s world, body rates rad/s body.
+        qacc: (N, 6), acceleration m/s^2 world, angular rad/s^2 body, of the latest step.
         qfrc_applied: (N, 6), force N world, torque N m body.
         qfrc_constraint: (N, 6), what contacts did in the latest step, same frames.
         thrust: (N, 4), N, of the rotors.
@@ -112,12 +117,14 @@ class RigidBody(NamedTuple):
     ground: NamedTuple
     battery: NamedTuple
     power_factor: float
+    sensors: NamedTuple
     reach: float
     model: int
     model_apart: int
     data: int
     qpos: NDArray[np.float64]
     qvel: NDArray[np.float64]
+    qacc: NDArray[np.float64]
     qfrc_applied: NDArray[np.float64]
     qfrc_constraint: NDArray[np.float64]
     thrust: NDArray[np.float64]
@@ -274,6 +281,8 @@ def advance_rigid_bodies(
     wash(plant.downwash, plant.qpos)
     _meter(plant, steps * plant.step)
     drain(plant.battery, plant.extremes.power, steps * plant.step)
+    walk_biases(plant.sensors, noise.walk)
+    qpos, qvel, error = believed(plant.sensors, plant.qpos, plant.qvel, velocity_error)
     collisions = _may_touch(plant, steps)
     model = plant.model if collisions else plant.model_apart
     for k in range(steps):
@@ -283,10 +292,10 @@ def advance_rigid_bodies(
                 desired[0, i],
                 desired[1, i],
                 plant.altitude,
-                plant.qvel[i, 0] + velocity_error[0, i],
-                plant.qvel[i, 1] + velocity_error[1, i],
-                plant.qpos[i],
-                plant.qvel[i],
+                qvel[i, 0] + error[0, i],
+                qvel[i, 1] + error[1, i],
+                qpos[i],
+                qvel[i],
                 plant.thrust[i],
                 plant.observer[i],
                 plant.thrust_command[i],
@@ -297,6 +306,7 @@ def advance_rigid_bodies(
             _push(plant, noise.outer, k, i)
         add_drag(plant.drag, plant.wind, plant.qpos, plant.qvel, plant.thrust, plant.qfrc_applied)
         mj_step(model, plant.data)
+        feel(plant.sensors, plant.qpos, plant.qvel, plant.qacc, noise.inertial, k)
         plant.extremes.steps[0] += 1
         if collisions:
             _mark_touches(plant)
@@ -309,7 +319,7 @@ def advance_rigid_bodies(
 
 @implements(take_fix, RigidBody)
 def _take_fix(plant: RigidBody, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-    pass
+    take_bearings(plant.sensors, plant.qpos, plant.qvel, velocity_error, noise)
 
 
 @implements(write_state, RigidBody)
@@ -324,6 +334,7 @@ class RigidBodyFlock:
     Args:
         scenario: what is flown.
         step: integration step, s.
+        beat: integration steps of a beat.
         world: where the drones start, level, with their rotors at hover.
         wind: the air, see `moflock_mj.wind`.
 
@@ -332,7 +343,7 @@ class RigidBodyFlock:
         ScenarioError: the air is too much for the airframe.
     """
 
-    def __init__(self, scenario: Scenario, step: float, world: World, wind: NamedTuple) -> None:
+    def __init__(self, scenario: Scenario, step: float, beat: int, world: World, wind: Wind | Off) -> None:
         airframe = load_airframe(scenario.airframe)
         check_air(scenario, airframe)
         try:
@@ -347,26 +358,28 @@ class RigidBodyFlock:
         self.model_apart.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self.data = mujoco.MjData(self.model)
         gains = self.design.gains
-        if scenario.wind is not None:
+        if isinstance(wind, Wind):
             gains = gains._replace(wind_max=largest_push(airframe, scenario.tilt_max))
-        calm = scenario.wind is None
+        drag, calm = make_drag(scenario, airframe), isinstance(wind, Off)
         self.plant = RigidBody(
             gains=gains,
             step=step,
             altitude=scenario.altitude,
             outer=OuterNoise(airframe.mass * sqrt(2 * scenario.sigma_outer / step)) if calm else Off(),
             wind=wind,
-            drag=make_drag(scenario, airframe),
+            drag=drag,
             downwash=make_jets(scenario, airframe),
             ground=make_ground(scenario, airframe),
             battery=make_cells(scenario, airframe),
             power_factor=power_factor(airframe),
+            sensors=make_sensors(scenario, step, beat * step, world),
             reach=sqrt(airframe.radius**2 + airframe.half_height**2),
             model=self.model._address,
             model_apart=self.model_apart._address,
             data=self.data._address,
             qpos=self.data.qpos.reshape(drones, 7),
             qvel=self.data.qvel.reshape(drones, 6),
+            qacc=self.data.qacc.reshape(drones, 6),
             qfrc_applied=self.data.qfrc_applied.reshape(drones, 6),
             qfrc_constraint=self.data.qfrc_constraint.reshape(drones, 6),
             thrust=np.full((drones, ROTORS), airframe.hover_thrust()),
@@ -387,6 +400,9 @@ class RigidBodyFlock:
         self.plant.qpos[:, 3:] = (1, 0, 0, 0)
         self.plant.qvel[:, :3] = world.velocity.T
         self.plant.observer[:, :3] = world.velocity.T
+        if isinstance(wind, Wind) and isinstance(drag, AirDrag):
+            # The mean wind has been held before the flight starts; the observers need not find it first.
+            self.plant.observer[:, 3:5] = wind_push(drag, wind.speed, airframe.mass) * wind.along
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Every array that changes in flight, by name; MuJoCo's own state is a copy, see `load_mujoco`."""
@@ -396,6 +412,8 @@ class RigidBodyFlock:
         mujoco.mj_getState(self.model, self.data, mujoco_state, _MUJOCO_STATE)
         for effect in (plant.downwash, plant.battery):
             named |= {name: held for name, held in effect._asdict().items() if isinstance(held, np.ndarray)}
+        if isinstance(plant.sensors, Sensors):
+            named |= plant.sensors.arrays()
         named |= plant.extremes._asdict()
         return {"mujoco": mujoco_state} | {f"body.{name}": array for name, array in named.items()}
 

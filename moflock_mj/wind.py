@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel, stage
+from controllers.compiling import Off, hot_stage, implements, kernel, stage
 from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario import Scenario
 
@@ -36,34 +36,22 @@ SLOWEST = 1.0
 """m/s, airspeed below which gusts change no more slowly: air that stands still changes too."""
 
 
-class SteadyWind(NamedTuple):
-    """Air of constant velocity.
+class Wind(NamedTuple):
+    """A constant wind with Dryden turbulence, which is nil where its deviations are 0.
 
     Attributes:
-        velocity_x: m/s, world; so is velocity_y.
-        velocity_y: m/s, world.
-    """
-
-    velocity_x: float
-    velocity_y: float
-
-
-class Gusts(NamedTuple):
-    """A mean wind with Dryden turbulence.
-
-    Attributes:
-        mean: (2,), m/s, world.
+        speed: m/s, of the mean wind.
         along: (2,), unit vector of the mean wind, world.
         period: s, from one change of the gusts to the next.
         length_u: m, scale along and across the wind.
         length_w: m, scale upwards.
         sigma_u: m/s, deviation along and across the wind.
         sigma_w: m/s, deviation upwards.
-        filters: (5, N), m/s, states of the filters: u; two of v; two of w.
+        filters: (5, N), states of the filters, for gusts of deviation 1: u; two of v; two of w.
         velocity: (3, N), m/s, world, of the air at each drone.
     """
 
-    mean: NDArray[np.float64]
+    speed: float
     along: NDArray[np.float64]
     period: float
     length_u: float
@@ -91,7 +79,7 @@ def dryden_scales(height: float, w20: float) -> tuple[float, float, float, float
     return feet / shape**1.2 * FOOT, feet * FOOT, sigma_w / shape**0.4, sigma_w
 
 
-def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> NamedTuple:
+def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> Wind | Off:
     """The wind of a scenario.
 
     Args:
@@ -102,28 +90,23 @@ def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> Na
     Raises:
         ScenarioError: the flock flies higher than gusts are modelled.
     """
-    wind = scenario.wind
-    if wind is None:
+    section, drones = scenario.wind, scenario.drones
+    if section is None:
         return Off()
-    along = np.array([np.cos(wind.direction), np.sin(wind.direction)])
-    mean = wind.speed * along
-    if wind.gust_wind == 0:
-        return SteadyWind(float(mean[0]), float(mean[1]))
-    if scenario.altitude > HEIGHTS[1]:
+    if section.gust_wind > 0 and scenario.altitude > HEIGHTS[1]:
         raise ScenarioError(
             f"altitude: {scenario.altitude:g} m is out of bounds: with gusts it must be at most {HEIGHTS[1]:g} m"
         )
-    length_u, length_w, sigma_u, sigma_w = dryden_scales(scenario.altitude, wind.gust_wind)
-    draws = rng.standard_normal((GUST_DRAWS, scenario.drones))
-    filters = np.empty_like(draws)
-    filters[0] = sigma_u * draws[0]
-    for first, sigma in ((1, sigma_u), (3, sigma_w)):
+    along = np.array([np.cos(section.direction), np.sin(section.direction)])
+    filters = rng.standard_normal((GUST_DRAWS, drones))
+    for first in (1, 3):
         # The stationary covariance, see `_second_order`.
-        filters[first] = sigma * sqrt(0.5) * draws[first]
-        filters[first + 1] = sigma * sqrt(0.5) * (draws[first] + draws[first + 1]) / 2
-    gusts = Gusts(mean, along, period, length_u, length_w, sigma_u, sigma_w, filters, np.zeros((3, scenario.drones)))
-    _write_velocity(gusts)
-    return gusts
+        filters[first + 1] = (filters[first] + filters[first + 1]) / 2 * sqrt(0.5)
+        filters[first] *= sqrt(0.5)
+    scales = dryden_scales(scenario.altitude, section.gust_wind)
+    wind = Wind(section.speed, along, period, *scales, filters, np.zeros((3, drones)))
+    _write_velocity(wind)
+    return wind
 
 
 @stage
@@ -133,7 +116,7 @@ def blow(wind: NamedTuple, velocity: NDArray[np.float64], draws: NDArray[np.floa
     Args:
         wind: the air.
         velocity: (3, N), m/s, world, of the drones.
-        draws: (1, 5, N), N(0, 1); (0, 5, N) where there are no gusts.
+        draws: (1, 5, N), N(0, 1); (0, 5, N) in calm air.
     """
 
 
@@ -144,8 +127,7 @@ def air_velocity(wind: NamedTuple, i: int) -> tuple[float, float, float]:
 
 
 @implements(blow, Off)
-@implements(blow, SteadyWind)
-def _blow_steadily(wind: NamedTuple, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
+def _stay_calm(wind: Off, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
     pass
 
 
@@ -154,37 +136,31 @@ def _still_velocity(wind: Off, i: int) -> tuple[float, float, float]:  # noqa: A
     return 0.0, 0.0, 0.0
 
 
-@implements(air_velocity, SteadyWind)
-def _steady_velocity(wind: SteadyWind, i: int) -> tuple[float, float, float]:  # noqa: ARG001
-    return wind.velocity_x, wind.velocity_y, 0.0
-
-
-@implements(air_velocity, Gusts)
-def _gust_velocity(wind: Gusts, i: int) -> tuple[float, float, float]:
+@implements(air_velocity, Wind)
+def _wind_velocity(wind: Wind, i: int) -> tuple[float, float, float]:
     return wind.velocity[0, i], wind.velocity[1, i], wind.velocity[2, i]
 
 
-@hot_kernel
-def _second_order(p: float, q: float, sigma: float, ratio: float, draw_p: float, draw_q: float) -> tuple[float, float]:
+@kernel
+def _second_order(p: float, q: float, ratio: float, draw_p: float, draw_q: float) -> tuple[float, float]:
     """Both states of a lateral filter one period on, exactly.
 
     The filter (1 + sqrt(3) T s) / (1 + T s)^2 is sqrt(3) p + (1 - sqrt(3)) q with p' = (n - p) / T, q' = (p - q) / T.
-    Its output has the variance sigma^2 if p has sigma^2 / 2; then q has half of that, and so has their covariance.
+    Its output has the variance 1 if p has 1/2; then q has half of that, and so has their covariance.
 
     Args:
-        p: m/s, first state.
-        q: m/s, second state.
-        sigma: m/s, deviation of the output.
+        p: first state.
+        q: second state.
         ratio: period over T.
         draw_p: N(0, 1).
         draw_q: N(0, 1).
     """
     decay = exp(-ratio)
-    kept, half = decay * decay, sigma * sigma / 4
+    kept = decay * decay
     # What the noise of this period adds to the covariance: the stationary one, less what is kept of it.
-    pp = 2 * half * (1 - kept)
-    pq = half * (1 - kept * (1 + 2 * ratio))
-    qq = half * (1 - kept * (1 + 2 * ratio * (1 + ratio)))
+    pp = (1 - kept) / 2
+    pq = (1 - kept * (1 + 2 * ratio)) / 4
+    qq = (1 - kept * (1 + 2 * ratio * (1 + ratio))) / 4
     root = sqrt(pp)
     next_p = decay * p + root * draw_p
     next_q = decay * (q + ratio * p) + pq / root * draw_p + sqrt(max(qq - pq * pq / pp, 0.0)) * draw_q
@@ -192,30 +168,30 @@ def _second_order(p: float, q: float, sigma: float, ratio: float, draw_p: float,
 
 
 @kernel
-def _write_velocity(wind: Gusts) -> None:
+def _write_velocity(wind: Wind) -> None:
     """The air's velocity in the world from the filters' states."""
     filters, root3 = wind.filters, sqrt(3.0)
     for i in range(filters.shape[1]):
-        u = filters[0, i]
-        v = root3 * filters[1, i] + (1 - root3) * filters[2, i]
-        wind.velocity[0, i] = wind.mean[0] + wind.along[0] * u - wind.along[1] * v
-        wind.velocity[1, i] = wind.mean[1] + wind.along[1] * u + wind.along[0] * v
-        wind.velocity[2, i] = root3 * filters[3, i] + (1 - root3) * filters[4, i]
+        u = wind.sigma_u * filters[0, i]
+        v = wind.sigma_u * (root3 * filters[1, i] + (1 - root3) * filters[2, i])
+        wind.velocity[0, i] = wind.speed * wind.along[0] + wind.along[0] * u - wind.along[1] * v
+        wind.velocity[1, i] = wind.speed * wind.along[1] + wind.along[1] * u + wind.along[0] * v
+        wind.velocity[2, i] = wind.sigma_w * (root3 * filters[3, i] + (1 - root3) * filters[4, i])
 
 
-@implements(blow, Gusts)
-def _blow_gusts(wind: Gusts, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
+@implements(blow, Wind)
+def _blow(wind: Wind, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
     filters, air = wind.filters, wind.velocity
     for i in range(filters.shape[1]):
         x, y, z = velocity[0, i] - air[0, i], velocity[1, i] - air[1, i], velocity[2, i] - air[2, i]
         way = max(sqrt(x * x + y * y + z * z), SLOWEST) * wind.period
         ratio_u, ratio_w = way / wind.length_u, way / wind.length_w
         decay = exp(-ratio_u)
-        filters[0, i] = decay * filters[0, i] + wind.sigma_u * sqrt(1 - decay * decay) * draws[0, 0, i]
+        filters[0, i] = decay * filters[0, i] + sqrt(1 - decay * decay) * draws[0, 0, i]
         filters[1, i], filters[2, i] = _second_order(
-            filters[1, i], filters[2, i], wind.sigma_u, ratio_u, draws[0, 1, i], draws[0, 2, i]
+            filters[1, i], filters[2, i], ratio_u, draws[0, 1, i], draws[0, 2, i]
         )
         filters[3, i], filters[4, i] = _second_order(
-            filters[3, i], filters[4, i], wind.sigma_w, ratio_w, draws[0, 3, i], draws[0, 4, i]
+            filters[3, i], filters[4, i], ratio_w, draws[0, 3, i], draws[0, 4, i]
         )
     _write_velocity(wind)
