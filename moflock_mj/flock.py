@@ -138,7 +138,7 @@ class Flock:
             fix=self.streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
             outer=self.streams.disturbance.standard_normal((steps if self.scenario.wind is None else 0, 2, drones)),
             gust=self.streams.wind.standard_normal((beats if self.scenario.wind else 0, GUST_DRAWS, drones)),
-            inertial=self.streams.inertial.standard_normal((steps if imu else 0, 6, drones), np.float32),
+            inertial=self.streams.inertial.random((steps if imu else 0, 6, drones), np.float32),
             walk=self.streams.walk.standard_normal((beats if imu else 0, 6, drones)),
         )
 

@@ -142,7 +142,7 @@ def feel(
         qpos: (N, 7), the truth.
         qvel: (N, 6), the truth.
         qacc: (N, 6), the first three m/s^2, world: of the step before.
-        draws: (steps, 6, N), N(0, 1).
+        draws: (steps, 6, N), uniform in [0, 1).
         k: the step.
     """
 
@@ -231,8 +231,12 @@ def read_inertial(
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    """As `feel`: body rates, and R^T (acceleration - gravity), with noise and bias."""
-    gyro, accel = sensors.gyro_noise, sensors.accel_noise
+    """As `feel`: body rates, and R^T (acceleration - gravity), with noise and bias.
+
+    The noise is uniform, of the deviation asked for: four times as fast to draw as a normal one, and no different after
+    the few steps over which it is summed up before it does anything.
+    """
+    gyro, accel = sqrt(12.0) * sensors.gyro_noise, sqrt(12.0) * sensors.accel_noise
     gyro_bias, accel_bias = sensors.gyro_bias, sensors.accel_bias
     for i in range(qpos.shape[0]):
         xx, xy, xz, yx, yy, yz, zx, zy, zz = body_axes(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
@@ -240,12 +244,12 @@ def read_inertial(
         integrate(
             sensors.navigation,
             i,
-            qvel[i, 3] + gyro_bias[0, i] + gyro * draws[k, 0, i],
-            qvel[i, 4] + gyro_bias[1, i] + gyro * draws[k, 1, i],
-            qvel[i, 5] + gyro_bias[2, i] + gyro * draws[k, 2, i],
-            xx * ax + yx * ay + zx * az + accel_bias[0, i] + accel * draws[k, 3, i],
-            xy * ax + yy * ay + zy * az + accel_bias[1, i] + accel * draws[k, 4, i],
-            xz * ax + yz * ay + zz * az + accel_bias[2, i] + accel * draws[k, 5, i],
+            qvel[i, 3] + gyro_bias[0, i] + gyro * (draws[k, 0, i] - 0.5),
+            qvel[i, 4] + gyro_bias[1, i] + gyro * (draws[k, 1, i] - 0.5),
+            qvel[i, 5] + gyro_bias[2, i] + gyro * (draws[k, 2, i] - 0.5),
+            xx * ax + yx * ay + zx * az + accel_bias[0, i] + accel * (draws[k, 3, i] - 0.5),
+            xy * ax + yy * ay + zy * az + accel_bias[1, i] + accel * (draws[k, 4, i] - 0.5),
+            xz * ax + yz * ay + zz * az + accel_bias[2, i] + accel * (draws[k, 5, i] - 0.5),
         )
 
 

@@ -25,7 +25,7 @@ class Draws(NamedTuple):
         fix: (ticks, 2, N), N(0, 1), of barometer and compass.
         outer: (steps, 2, N), N(0, 1).
         gust: (beats, 5, N), N(0, 1).
-        inertial: (steps, 6, N), N(0, 1), of gyroscope and accelerometer.
+        inertial: (steps, 6, N), uniform in [0, 1), of gyroscope and accelerometer.
         walk: (beats, 6, N), N(0, 1), of their biases.
 
     From `fix` on, the first axis is of length 0 where a flight takes none of a kind.

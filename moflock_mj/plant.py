@@ -12,13 +12,13 @@ from moflock_mj.world import World
 
 
 class Noise(NamedTuple):
-    """Random numbers for one beat, N(0, 1); the first axis is of length 0 where a flight takes none of a kind.
+    """Random numbers for one beat; the first axis is of length 0 where a flight takes none of a kind.
 
     Attributes:
-        outer: (steps, 2, N), outer noise.
-        gust: (1, 5, N), gusts.
-        inertial: (steps, 6, N), gyroscope and accelerometer.
-        walk: (1, 6, N), their biases.
+        outer: (steps, 2, N), N(0, 1), of the outer noise.
+        gust: (1, 5, N), N(0, 1), of gusts.
+        inertial: (steps, 6, N), uniform in [0, 1), of gyroscope and accelerometer.
+        walk: (1, 6, N), N(0, 1), of their biases.
     """
 
     outer: NDArray[np.float64]
