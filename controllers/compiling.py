@@ -46,6 +46,20 @@ class _InTheUsersCache(_ProjectSources, caching.UserWideCacheLocator):  # type: 
     pass
 
 
+class _Index(caching.IndexDataCacheFile):  # type: ignore[misc]
+    """The list of what is kept of a function. It names the types of its arguments, and one that other sources left may
+    name a type that is no more: Numba would stop there, before it looks at the stamp.
+    """
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+
+
+caching.IndexDataCacheFile = _Index
+
 # A folder that the user named by NUMBA_CACHE_DIR is Numba's first choice already.
 if not numba.config.CACHE_DIR:
     caching.CompileResultCacheImpl._locator_classes = [

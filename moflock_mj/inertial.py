@@ -3,7 +3,7 @@
 Gyroscope and accelerometer are read at every step and have white noise, and biases that walk at random from zero, where
 a calibration before take-off has left them. Barometer and compass are read with each GPS fix and have white noise; the
 fix's velocity has the GPS error of the scenario. `controllers.navigation` makes an estimate of it all, which the
-controllers then use in place of the truth.
+controllers then use in place of the truth. The policy goes by GPS alone, as without them.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
 from controllers.cascade import OBSERVER_SIZE, Gains, rotor_wrench, track_velocity
-from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel
+from controllers.compiling import Off, hot_kernel, implements, kernel
 from controllers.tuning import TuningError, design_gains, largest_push
 from moflock_mj.aerodynamics import (
     AirDrag,
@@ -32,6 +32,7 @@ from moflock_mj.errors import AirframeError
 from moflock_mj.feasibility import check_air
 from moflock_mj.inertial import Sensors, believed, feel, make_sensors, take_bearings, walk_biases
 from moflock_mj.mujoco_link import mj_step
+from moflock_mj.outer_noise import draw_force, make_outer_noise, outer_force
 from moflock_mj.plant import Noise, advance, take_fix, write_state
 from moflock_mj.scenario import Scenario
 from moflock_mj.wind import Wind, blow
@@ -67,16 +68,6 @@ class Extremes(NamedTuple):
     power: NDArray[np.float64]
 
 
-class OuterNoise(NamedTuple):
-    """White noise on the bodies.
-
-    Attributes:
-        force: N, its deviation in one step.
-    """
-
-    force: float
-
-
 class RigidBody(NamedTuple):
     """N bodies in one MuJoCo model, as the compiled loop sees them; arrays of MuJoCo's are views.
 
@@ -84,7 +75,7 @@ class RigidBody(NamedTuple):
         gains: of the controllers, with the vehicle's figures.
         step: s.
         altitude: m, to be held.
-        outer: the outer noise, or Off.
+        outer: see `moflock_mj.outer_noise`, or Off.
         wind: the air, see `moflock_mj.wind`.
         drag: of the air, see `moflock_mj.aerodynamics`, or Off; so are downwash and ground.
         downwash: of the drones on those below them.
@@ -181,38 +172,6 @@ def _push(plant: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
     force[i, 3], force[i, 4], force[i, 5] = lift * torque_x, lift * torque_y, lift * torque_z
     for rotor in range(ROTORS):
         thrust[i, rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[i, rotor])
-
-
-@hot_stage
-def draw_force(outer: NamedTuple, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
-    """Force of the outer noise on body i in step k, N, x and y; chosen by the type of `outer`."""
-    raise NotImplementedError
-
-
-@hot_stage
-def outer_force(outer: NamedTuple) -> float:
-    """Deviation of the outer noise's force, N; chosen by the type of `outer`."""
-    raise NotImplementedError
-
-
-@implements(draw_force, Off)
-def _draw_nothing(outer: Off, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:  # noqa: ARG001
-    return 0.0, 0.0
-
-
-@implements(draw_force, OuterNoise)
-def _draw_force(outer: OuterNoise, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
-    return outer.force * noise[k, 0, i], outer.force * noise[k, 1, i]
-
-
-@implements(outer_force, Off)
-def _no_outer_force(outer: Off) -> float:  # noqa: ARG001
-    return 0.0
-
-
-@implements(outer_force, OuterNoise)
-def _outer_force(outer: OuterNoise) -> float:
-    return outer.force
 
 
 @kernel
@@ -360,12 +319,12 @@ class RigidBodyFlock:
         gains = self.design.gains
         if isinstance(wind, Wind):
             gains = gains._replace(wind_max=largest_push(airframe, scenario.tilt_max))
-        drag, calm = make_drag(scenario, airframe), isinstance(wind, Off)
+        drag = make_drag(scenario, airframe)
         self.plant = RigidBody(
             gains=gains,
             step=step,
             altitude=scenario.altitude,
-            outer=OuterNoise(airframe.mass * sqrt(2 * scenario.sigma_outer / step)) if calm else Off(),
+            outer=make_outer_noise(scenario, airframe, step),
             wind=wind,
             drag=drag,
             downwash=make_jets(scenario, airframe),

@@ -115,6 +115,17 @@ def test_what_drones_believe_is_near_the_truth():
     assert (believed.qpos[:, 2] != plant.qpos[:, 2]).all()
 
 
+def test_skipping_collisions_changes_nothing():
+    """As without air, in test_rigid_body: collision detection is left out only where nothing can touch."""
+    crowded = EVERYTHING.replace(drones=12, arena_side=40.0, start_spacing=2.0, duration=20.0, sigma_inner=0.005)
+    flocks = [Flock(POINT, crowded, "rigid_body", 1) for _ in range(2)]
+    plant = flocks[1].body.plant
+    flocks[1].stages = flocks[1].stages._replace(plant=plant._replace(reach=1e6))
+    records = [flock.fly(20.0) for flock in flocks]
+    np.testing.assert_array_equal(records[0].position, records[1].position)
+    assert (plant.extremes.touch_step >= 0).any()
+
+
 def test_hover_takes_its_power():
     """Measured on every flight of rigid bodies, battery or not; here 61.7 W a rotor."""
     flight = fly(POINT, scenario=held(Scenario(sigma_outer=0.0, duration=20.0)))
