@@ -14,7 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, air, fly, paper_point
 from moflock_mj.flock import Flock
 
 POINT = paper_point("model_optimum")
@@ -63,14 +63,16 @@ def bare_step(flock: Flock, snapshot: bytes, steps: int) -> float:
     return min(times)
 
 
-def flown(scenario: Scenario, snapshots: list[bytes] | None = None) -> float:
+def flown(
+    scenario: Scenario, snapshots: list[bytes] | None = None, clock: Callable[[], float] = time.perf_counter
+) -> float:
     """Seconds of a rigid-body flight without building it; keeps its state at every tenth of it."""
     flock = Flock(POINT, scenario, "rigid_body", 1)
     seconds = 0.0
     while not flock.finished:
-        began = time.perf_counter()
+        began = clock()
         flock.fly(5.0)
-        seconds += time.perf_counter() - began
+        seconds += clock() - began
         if snapshots is not None and flock.beat % (flock.stages.clocks.beats // 10) == 0:
             snapshots.append(flock.snapshot())
     return seconds
@@ -104,6 +106,25 @@ def scaling() -> None:
     print("  (300 at most 1.6 times 30)")
 
 
+def air_share() -> None:
+    """Everything that air and wear do, against none of it: CPU time, flown in turns."""
+    scenario = Scenario(duration=200.0)
+    sections = {name: kind() for name, kind in Scenario.sections().items()}
+    sections["wind"] = air.Wind(speed=8.0, turbulence="light")
+    flights = {"none": scenario, "all": scenario.replace(**sections)}
+    flights |= {name: scenario.replace(**{name: section}) for name, section in sections.items()}
+    seconds = dict.fromkeys(flights, float("inf"))
+    for each in flights.values():
+        flown(each.replace(duration=1.0))
+    for _ in range(5):
+        for name, each in flights.items():
+            seconds[name] = min(seconds[name], flown(each, clock=time.thread_time))
+    row("rigid body, 30 drones, 200 s, air and wear off, CPU", seconds["none"], "s")
+    for name in flights:
+        limit = "at most 0.3" if name == "all" else ""
+        row(f"  share of {name}", seconds[name] / seconds["none"] - 1, "", limit)
+
+
 def log_share() -> None:
     scenario = Scenario()
     with tempfile.TemporaryDirectory() as folder:
@@ -132,7 +153,7 @@ def main() -> None:
     with contextlib.suppress(AttributeError, OSError):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     print(f"MuJoCo {mujoco.__version__}, NumPy {np.__version__}; one core; shortest of some runs\n")
-    for group in (point_mass_flights, rigid_body_flights, scaling, log_share, start_up):
+    for group in (point_mass_flights, rigid_body_flights, scaling, air_share, log_share, start_up):
         group()
 
 

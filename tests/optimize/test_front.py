@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import types
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from controllers.flocking import FlockingParams
-from moflock_mj import Scenario, load_point
+from moflock_mj import Scenario, air, load_point
 from moflock_mj.errors import SearchError
 from optimize.bounds import paper_bounds
 from optimize.estimates import hypervolume, non_dominated
@@ -160,8 +161,9 @@ def test_a_chosen_point_is_one_that_can_be_flown_and_says_where_it_is_from(tmp_p
     assert provenance["algorithm"] == "none"
 
 
-def test_a_front_is_read_as_it_was_written(tmp_path):
-    front = flown(*CURVE)
+@pytest.mark.parametrize("sections", [{}, {"wind": air.Wind(speed=8.0)}])
+def test_a_front_is_read_as_it_was_written(tmp_path, sections):
+    front = dataclasses.replace(flown(*CURVE), scenario=SCENARIO.replace(**sections))
     path = tmp_path / "front.json"
     path.write_text(front.to_json())
     again = load_front(path)

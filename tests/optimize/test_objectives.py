@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from moflock_mj import air
 from moflock_mj.errors import SearchError
 from moflock_mj.fitness import fitness_of
 from moflock_mj.order_parameters import OrderParameters
@@ -46,15 +47,16 @@ def test_what_makes_no_sense_is_refused(groups, names, words):
         Objectives(groups=groups, names=names)
 
 
-def test_a_file_is_read_back(tmp_path):
-    path, scenario = tmp_path / "o.json", Scenario(drones=12)
+@pytest.mark.parametrize("sections", [{}, {"wind": air.Wind(speed=8.0), "imu": air.Imu()}])
+def test_a_file_is_read_back(tmp_path, sections):
+    path, scenario = tmp_path / "o.json", Scenario(drones=12, **sections)
     found = Objectives(groups=(("wall", "coll"), ("speed",)), names=("x", "y"), scenario=scenario)
     path.write_text(found.to_json())
     assert load_objectives(path, scenario) == found
     assert load_objectives(path, scenario.replace(step=0.1)) == found
 
 
-@pytest.mark.parametrize("change", [{"drones": 13}, {"arena_side": 300.0}, {"t_del": 0.4}])
+@pytest.mark.parametrize("change", [{"drones": 13}, {"t_del": 0.4}, {"wind": air.Wind(speed=1.0)}])
 def test_a_file_of_another_scenario_is_refused(tmp_path, change):
     path, scenario = tmp_path / "o.json", Scenario(drones=12)
     path.write_text(Objectives(groups=PAPER.groups, names=PAPER.names, scenario=scenario).to_json())
