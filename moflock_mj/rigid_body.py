@@ -56,7 +56,8 @@ class RigidBody(NamedTuple):
     Attributes:
         gains: of the controllers, with the vehicle's figures.
         step: s.
-        altitude: m, to be held.
+        altitude: (N,), m, to be held.
+        stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
         noise_force: N, deviation of the outer noise in one step.
         drag: kg/m, quadratic drag: force over speed squared.
         reach: m, from a body's centre to the farthest point of its collision shape.
@@ -75,7 +76,8 @@ class RigidBody(NamedTuple):
 
     gains: Gains
     step: float
-    altitude: float
+    altitude: NDArray[np.float64]
+    stopped: NDArray[np.uint8]
     noise_force: float
     drag: float
     reach: float
@@ -135,6 +137,15 @@ def _push(plant: RigidBody, i: int, noise_x: float, noise_y: float) -> None:
         thrust[i, rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[i, rotor])
 
 
+@kernel
+def _stop_rotors(plant: RigidBody) -> None:
+    """Command nothing of the rotors that stand still."""
+    for i in range(plant.stopped.shape[0]):
+        for rotor in range(ROTORS):
+            if plant.stopped[i, rotor]:
+                plant.thrust_command[i, rotor] = 0.0
+
+
 @hot_kernel
 def _drag(plant: RigidBody, i: int) -> None:
     """Add the drag of still air to the force on body i."""
@@ -152,7 +163,7 @@ def _watch(plant: RigidBody, i: int) -> None:
     extremes, gains = plant.extremes, plant.gains
     qx, qy = plant.qpos[i, 4], plant.qpos[i, 5]
     extremes.upright[i] = min(extremes.upright[i], 1 - 2 * (qx * qx + qy * qy))
-    extremes.altitude_error[i] = max(extremes.altitude_error[i], abs(plant.qpos[i, 2] - plant.altitude))
+    extremes.altitude_error[i] = max(extremes.altitude_error[i], abs(plant.qpos[i, 2] - plant.altitude[i]))
     saturated = False
     for rotor in range(ROTORS):
         command = plant.thrust_command[i, rotor]
@@ -204,7 +215,7 @@ def advance_rigid_bodies(
                 plant.gains,
                 desired[0, i],
                 desired[1, i],
-                plant.altitude,
+                plant.altitude[i],
                 plant.qvel[i, 0] + velocity_error[0, i],
                 plant.qvel[i, 1] + velocity_error[1, i],
                 plant.qpos[i],
@@ -213,6 +224,7 @@ def advance_rigid_bodies(
                 plant.observer[i],
                 plant.thrust_command[i],
             )
+        _stop_rotors(plant)
         # A loop of its own: the two together compile to slower code.
         for i in range(drones):
             _watch(plant, i)
@@ -257,6 +269,7 @@ class RigidBodyFlock:
             )
         except TuningError as problem:
             raise AirframeError(str(problem)) from None
+        self.half_height = airframe.half_height
         drones = scenario.drones
         self.model = flock_model(scenario.airframe, drones, step)
         self.model_apart = copy.copy(self.model)
@@ -266,7 +279,8 @@ class RigidBodyFlock:
         self.plant = RigidBody(
             gains=gains,
             step=step,
-            altitude=scenario.altitude,
+            altitude=np.full(drones, scenario.altitude),
+            stopped=np.zeros((drones, ROTORS), np.uint8),
             noise_force=airframe.mass * sqrt(2 * scenario.sigma_outer / step),
             drag=AIR_DENSITY * airframe.drag_area / 2 if scenario.air_drag else 0.0,
             reach=sqrt(airframe.radius**2 + airframe.half_height**2),
