@@ -269,7 +269,7 @@ class RigidBodyFlock:
             )
         except TuningError as problem:
             raise AirframeError(str(problem)) from None
-        self.half_height = airframe.half_height
+        self.airframe = airframe
         drones = scenario.drones
         self.model = flock_model(scenario.airframe, drones, step)
         self.model_apart = copy.copy(self.model)
