@@ -8,6 +8,7 @@ most failsafes are off.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from moflock_mj.mavlink.dialect import GROUND_SYSTEM, Message, mavlink
 from moflock_mj.mavlink.geodesy import Origin
@@ -94,8 +95,8 @@ class ArduCopter(Vehicle):
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     )
-    tasks = {GUIDED: Task.OBEY, RTL: Task.RETURN, LAND: Task.LAND}
-    mode_names = {
+    tasks: ClassVar = {GUIDED: Task.OBEY, RTL: Task.RETURN, LAND: Task.LAND}
+    mode_names: ClassVar = {
         STABILIZE: "STABILIZE",
         ALT_HOLD: "ALT_HOLD",
         AUTO: "AUTO",
@@ -168,7 +169,7 @@ class ArduCopter(Vehicle):
             reasons.append("PreArm: Battery 1 below minimum arming voltage")
         if self._battery_level():
             reasons.append("PreArm: Battery 1 low voltage failsafe")
-        if self.parameters["FENCE_ENABLE"] and self._is_outside():
+        if self.fence_enabled and self._is_outside():
             reasons.append("PreArm: Vehicle outside fence")
         if self.ground_lost:
             reasons.append("PreArm: GCS failsafe on")
@@ -178,6 +179,12 @@ class ArduCopter(Vehicle):
         for reason in objections:
             self.say(reason)
         return int(mavlink.MAV_RESULT_FAILED)
+
+    def armed_in_mode(self) -> None:
+        """Nothing: it waits for a take-off."""
+
+    def took_off(self) -> None:
+        """Nothing: it hovers in GUIDED."""
 
     def command_takeoff(self, altitude: float) -> int:
         ready = self.armed and self.mode == GUIDED and self.phase == Phase.GROUND
@@ -264,6 +271,10 @@ class ArduCopter(Vehicle):
             if action:
                 self._fall_back(RTL if action in (2, 3) else LAND)
 
+    @property
+    def fence_enabled(self) -> bool:
+        return bool(self.parameters["FENCE_ENABLE"])
+
     def _is_outside(self) -> bool:
         kinds, value = int(self.parameters["FENCE_TYPE"]), self.parameters
         radius = value["FENCE_RADIUS"] if kinds & _FENCE_CIRCLE else 0.0
@@ -271,7 +282,7 @@ class ArduCopter(Vehicle):
         return self.is_outside_fence(radius, altitude, bool(kinds & _FENCE_SHAPES))
 
     def _watch_fence(self) -> None:
-        outside = bool(self.parameters["FENCE_ENABLE"]) and self.armed and self._is_outside()
+        outside = self.fence_enabled and self.armed and self._is_outside()
         if outside and not self.breached and self.phase != Phase.GROUND:
             self.say("Fence Breached", mavlink.MAV_SEVERITY_NOTICE)
             action = int(self.parameters["FENCE_ACTION"])
@@ -286,9 +297,5 @@ class ArduCopter(Vehicle):
             return
         if mode in (RTL, BRAKE) and not self.estimator.position_ready:
             mode = LAND
-        if self.mode != LAND or mode == LAND:
-            if mode != self.mode:
-                self.set_mode(mode, failsafe=True)
-
-    def landed(self) -> None:
-        self.wish = None
+        if self.mode not in (LAND, mode):  # a landing goes on
+            self.set_mode(mode, failsafe=True)

@@ -80,6 +80,7 @@ class Conversation:
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_capabilities,
+            mavlink.MAV_CMD_GET_HOME_POSITION: self._request_home,
             mavlink.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
         }
 
@@ -160,6 +161,9 @@ class Conversation:
     def _request_capabilities(self, command: Command, peer: object) -> int:
         return self._request_message(command._replace(param1=mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION), peer)
 
+    def _request_home(self, command: Command, peer: object) -> int:
+        return self._request_message(command._replace(param1=mavlink.MAVLINK_MSG_ID_HOME_POSITION), peer)
+
     def _enable_fence(self, command: Command, peer: object) -> int:  # noqa: ARG002
         if "FENCE_ENABLE" not in self._vehicle.parameters or command.param1 not in (0, 1):
             return int(mavlink.MAV_RESULT_UNSUPPORTED)
@@ -197,8 +201,8 @@ class Conversation:
 
     def _read_parameter(self, message: Message, peer: object) -> None:
         parameters = self._vehicle.parameters
-        name = message.param_id if message.param_index < 0 else parameters.name(message.param_index)
-        if name in parameters:
+        name: str | None = message.param_id if message.param_index < 0 else parameters.name(message.param_index)
+        if name is not None and name in parameters:
             self._vehicle.send(parameters.message(name), peer)
 
     def _list_parameters(self, message: Message, peer: object) -> None:  # noqa: ARG002

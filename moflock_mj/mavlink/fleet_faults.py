@@ -36,9 +36,10 @@ KINDS: Mapping[str, _Kind] = {
     "motor_failure": _Kind(default=0, low=0, high=3, whole=True),
     "pilot": _NO_VALUE,
 }
-"""By name: silent: nothing is sent or received. gps_loss: no fix. low_battery: the charge falls to a share. link_loss: a share
-of packets is lost each way. delay: s, of packets each way. duplicate_id: the vehicle calls itself by this system id.
-motor_failure: the rotor of this number stands still. pilot: someone with a remote control takes over, in LOITER or POSITION.
+"""By name: silent: nothing is sent or received. gps_loss: no fix. low_battery: the charge falls to a share. link_loss:
+a share of packets is lost each way. delay: s, of packets each way. duplicate_id: the vehicle calls itself by this
+system id. motor_failure: the rotor of this number stands still. pilot: a remote control takes over, in LOITER or
+POSITION.
 """
 
 

@@ -1,4 +1,4 @@
-"""Frames: our world (x east, y north, z up; bodies x forward, y left, z up) and MAVLink's (NED; bodies FRD), and the globe."""
+"""Frames: our world (x east, y north, z up; bodies x forward, y left, z up), MAVLink's (NED; bodies FRD), the globe."""
 
 from __future__ import annotations
 

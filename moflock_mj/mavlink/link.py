@@ -1,7 +1,7 @@
 """One UDP endpoint that speaks MAVLink 2, for vehicles and for those who command them.
 
-Every datagram is hostile until it is checked: whole packets of MAVLink 2, a right checksum, a right signature where links
-are signed, and addressed to this system. What fails is counted and dropped, and leaves no trace but the count.
+Every datagram is hostile until it is checked: whole packets of MAVLink 2, a right checksum, a right signature where
+links are signed, and addressed to this system. What fails is counted and dropped, and leaves no trace but the count.
 """
 
 from __future__ import annotations
@@ -138,9 +138,12 @@ class Endpoint(asyncio.DatagramProtocol):
         except (OSError, OverflowError) as problem:
             reason = getattr(problem, "strerror", None) or str(problem)
             raise LinkError(f"UDP {host}:{port}: {reason}") from None
-        self._transport = transport
         bound: tuple[Any, ...] = transport.get_extra_info("sockname")
         return bound[0], bound[1]
+
+    def connection_made(self, transport: Any) -> None:
+        """Send by this transport from now on."""
+        self._transport = transport
 
     def close(self) -> None:
         if self._transport is not None:

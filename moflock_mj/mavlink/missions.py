@@ -140,5 +140,3 @@ class FenceStore:
 
     def _acknowledge(self, system: int, component: int, mission_type: int, result: int, peer: object) -> None:
         self._reply(mavlink.MAVLink_mission_ack_message(system, component, result, mission_type), peer)
-
-

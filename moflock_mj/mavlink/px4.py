@@ -1,12 +1,14 @@
 """A simulated PX4 multicopter: its modes, parameters, arming and failsafes.
 
-Behaviour and defaults as PX4 1.17 has them (https://docs.px4.io/main/en/advanced_config/parameter_reference.html), measured
-where it surprises: OFFBOARD is accepted without a stream while disarmed, and a lost stream sends the vehicle home.
+Behaviour and defaults as PX4 1.17 has them (https://docs.px4.io/main/en/advanced_config/parameter_reference.html),
+measured where it surprises: OFFBOARD is accepted without a stream while disarmed, and a lost stream sends the vehicle
+home.
 """
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from moflock_mj.mavlink.dialect import Message, mavlink
 from moflock_mj.mavlink.geodesy import Origin
@@ -96,8 +98,8 @@ class Px4(Vehicle):
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     )
-    tasks = {OFFBOARD: Task.OBEY, TAKEOFF: Task.TAKEOFF, RETURN: Task.RETURN, LAND: Task.LAND}
-    mode_names = {
+    tasks: ClassVar = {OFFBOARD: Task.OBEY, TAKEOFF: Task.TAKEOFF, RETURN: Task.RETURN, LAND: Task.LAND}
+    mode_names: ClassVar = {
         MANUAL: "MANUAL",
         ALTITUDE: "ALTITUDE",
         POSITION: "POSITION",
@@ -158,7 +160,7 @@ class Px4(Vehicle):
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def is_ground_station(self, system: int, kind: int) -> bool:  # noqa: ARG002
-        return kind == mavlink.MAV_TYPE_GCS
+        return bool(kind == mavlink.MAV_TYPE_GCS)
 
     def objections(self) -> list[str]:
         reasons = []
@@ -170,7 +172,7 @@ class Px4(Vehicle):
             reasons.append("Preflight Fail: low battery")
         if self.battery.remaining < self.parameters["BAT_LOW_THR"]:
             reasons.append("Preflight Fail: Low battery level")
-        if self.parameters["GF_ACTION"] and self._is_outside():
+        if self.fence_enabled and self._is_outside():
             reasons.append("Preflight Fail: Geofence violation")
         return reasons
 
@@ -210,9 +212,6 @@ class Px4(Vehicle):
     def took_off(self) -> None:
         if self.mode == TAKEOFF:
             self.set_mode(HOLD)
-
-    def landed(self) -> None:
-        self.wish = None
 
     def descent(self) -> Descent:
         value = self.parameters
@@ -292,18 +291,22 @@ class Px4(Vehicle):
         if level > self._battery_told and self.armed:
             self.say(("Low battery", "Critical battery", "Dangerous battery")[level - 1])
             action = int(value["COM_LOW_BAT_ACT"])
-            if action == 2 and level >= 2 or action == 3 and level == 3:
+            if (action == 2 and level >= 2) or (action == 3 and level == 3):
                 self._fall_back(LAND)
             elif action == 3 and level == 2:
                 self._fall_back(RETURN)
         self._battery_told = level
+
+    @property
+    def fence_enabled(self) -> bool:
+        return bool(self.parameters["GF_ACTION"])
 
     def _is_outside(self) -> bool:
         return self.is_outside_fence(self.parameters["GF_MAX_HOR_DIST"], self.parameters["GF_MAX_VER_DIST"], True)
 
     def _watch_fence(self) -> None:
         action = int(self.parameters["GF_ACTION"])
-        outside = bool(action) and self._is_outside()
+        outside = self.fence_enabled and self._is_outside()
         if outside and not self.breached and self.phase != Phase.GROUND:
             self.say("Geofence violation")
             if action > 1:
@@ -315,5 +318,5 @@ class Px4(Vehicle):
         if self.phase == Phase.GROUND:
             self.disarm(force=False)
             self.set_mode(HOLD)
-        elif mode != self.mode and (self.mode != LAND or mode == LAND):
+        elif self.mode not in (LAND, mode):  # a landing goes on
             self.set_mode(mode, failsafe=True)

@@ -26,7 +26,7 @@ _PER_SECOND = 100_000
 _NEW_STREAM_LATE = 60 * _PER_SECOND
 """How far behind our clock a sender's first signature may be: the protocol's minute."""
 _AHEAD = 86_400 * _PER_SECOND
-"""How far ahead of our clock a signature may be. Taken on trust, one wrong clock would push all others' forward for good."""
+"""How far ahead of our clock a signature may be: one wrong clock would push all others' forward for good."""
 
 
 class SigningKey:
@@ -71,7 +71,9 @@ def find_key(path: Path | None) -> SigningKey | None:
                 raise LinkError(f"key file {path}: is no regular file")
             if status.st_mode & 0o077 or status.st_uid != os.geteuid():
                 permissions = f"{stat.S_IMODE(status.st_mode):o}"
-                raise LinkError(f"key file {path}: its permissions are {permissions}, must be 600 and yours (chmod 600)")
+                raise LinkError(
+                    f"key file {path}: its permissions are {permissions}, must be 600 and yours (chmod 600)"
+                )
             text = file.read(4096).decode()
     except OSError as problem:
         raise LinkError(f"key file {path}: {problem.strerror}") from None

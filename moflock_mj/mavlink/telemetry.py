@@ -164,7 +164,10 @@ class Telemetry:
 
     def _sys_status(self) -> Message:
         vehicle = self._vehicle
-        battery, healthy = vehicle.battery, _SENSORS
+        battery, enabled = vehicle.battery, _SENSORS
+        if not vehicle.fence_enabled:
+            enabled &= ~mavlink.MAV_SYS_STATUS_GEOFENCE
+        healthy = enabled
         if not vehicle.estimator.gps_fix:
             healthy &= ~mavlink.MAV_SYS_STATUS_SENSOR_GPS
         if not vehicle.estimator.attitude_ready:
@@ -174,7 +177,7 @@ class Telemetry:
         if not vehicle.prearm_healthy:
             healthy &= ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         return mavlink.MAVLink_sys_status_message(
-            _SENSORS, _SENSORS, healthy, 300, round(battery.voltage * 1000), round(battery.current * 100),
+            _SENSORS, enabled, healthy, 300, round(battery.voltage * 1000), round(battery.current * 100),
             round(battery.remaining * 100), 0, 0, 0, 0, 0, 0,
         )  # fmt: skip
 
@@ -310,4 +313,4 @@ class Telemetry:
 def _bounded(value: float, bits: int) -> int:
     """The whole number nearest to the value that a signed field can hold."""
     limit = 2 ** (bits - 1)
-    return min(max(round(value), -limit), limit - 1)
+    return int(min(max(round(value), -limit), limit - 1))

@@ -1,7 +1,7 @@
 """One simulated vehicle: modes, arming, take-off, flight, return, landing and failsafes; without sockets or clocks.
 
-Time and the body's true state go in by `update`, messages by `conversation.Conversation`; setpoints come out of `update`, messages
-gather in `outbox`. What differs between the autopilots is in `ardupilot.py` and `px4.py`.
+Time and the body's true state go in by `update`, messages by `conversation.Conversation`; setpoints come out of
+`update`, messages gather in `outbox`. What differs between the autopilots is in `ardupilot.py` and `px4.py`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,14 @@ from moflock_mj.mavlink.missions import FenceStore
 from moflock_mj.mavlink.parameters import ParameterTable
 
 _TILT_LOST = math.cos(math.radians(60))
-_TILT_PATIENCE = 1.0
-"""s of a tilt of more than 60 degrees, after which a vehicle counts as crashed."""
+_TILT_PATIENCE = 0.3
+"""s of such a tilt, after which a vehicle counts as lost; both as PX4 has them (FD_FAIL_R, FD_FAIL_R_TTRI)."""
 _LANDED_AFTER = 1.0
 """s at rest near the ground in a descent, after which a vehicle counts as landed."""
+
+
+_TEXT_CHUNK = 50
+"""Bytes of a STATUSTEXT."""
 
 
 class Phase(enum.IntEnum):
@@ -109,7 +113,6 @@ class Vehicle(abc.ABC):
         self.armed = False
         self.failsafe = False
         """Whether a failsafe, and not its operator, chose the mode."""
-        self.crashed = False
         self.phase = Phase.GROUND
         self.home: Triple | None = None
         """m, world; set with the first position and at arming."""
@@ -127,6 +130,7 @@ class Vehicle(abc.ABC):
         self.ground_lost = False
         self.local_origin = body.position
         """m, world, from which the vehicle counts LOCAL_POSITION_NED: where it was switched on."""
+        self._texts = 0
         self._ground = body.position[2]
         self._guide = Guide(body.position[2])
         self._takeoff_altitude = 0.0
@@ -202,6 +206,11 @@ class Vehicle(abc.ABC):
         """Whether the heartbeat of this system and MAV_TYPE is that of the ground station which must not be lost."""
 
     @property
+    @abc.abstractmethod
+    def fence_enabled(self) -> bool:
+        """Whether a fence is watched."""
+
+    @property
     def prearm_healthy(self) -> bool:
         """SYS_STATUS's bit MAV_SYS_STATUS_PREARM_CHECK."""
         return not self.objections()
@@ -215,7 +224,7 @@ class Vehicle(abc.ABC):
         objections = [] if force else self.objections()
         if objections:
             return self.refuse_arming(objections)
-        self.armed, self.crashed = True, False
+        self.armed = True
         self._idle_since = self.time
         if self.estimator.position_ready:
             self.home = self.body.position
@@ -223,6 +232,7 @@ class Vehicle(abc.ABC):
         self.armed_in_mode()
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
+    @abc.abstractmethod
     def armed_in_mode(self) -> None:
         """Do what the present mode does at arming."""
 
@@ -241,7 +251,7 @@ class Vehicle(abc.ABC):
     # What happens.
 
     def update(self, time: float, body: Body, *, gps_lost: bool = False) -> Setpoint:
-        """Go on to `time` (s since it was switched on), with the body's state then; returns what its rotors are to do."""
+        """Go on to `time`, s since it was switched on, with the body's state then; returns what it is to do."""
         seconds, self.time, self.body = time - self.time, time, body
         self.estimator.update(time, gps_lost)
         self.battery.drain(seconds, self.phase != Phase.GROUND)
@@ -254,21 +264,29 @@ class Vehicle(abc.ABC):
             self._disarm_when_idle()
             return self.standing()
         self._progress()
-        if self.phase == Phase.GROUND or self.battery.remaining <= 0:
-            return self.standing()
-        return self._guide.step(seconds, body, lowest=self._ground - 0.7)
+        setpoint = self._guide.step(seconds, body, lowest=self._ground - 0.7)
+        return self.standing() if self._powerless() else setpoint
+
+    def _powerless(self) -> bool:
+        """Whether the rotors stand still: on the ground, or with an empty battery."""
+        return self.phase == Phase.GROUND or self.battery.remaining <= 0
 
     def standing(self) -> Setpoint:
         """Rotors still."""
         return Setpoint(0.0, 0.0, self.body.position[2], True)
 
     def height(self) -> float:
-        """m above home, or above where it was switched on."""
+        """Height above home, or above where it was switched on, m."""
         return self.body.position[2] - (self.home[2] if self.home else self._ground)
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_CRITICAL) -> None:
-        """Send a status text to all."""
-        self.outbox.append(Outgoing(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]), None))
+        """Send a status text to all, in chunks if it is long; a chunk that is not full is the last."""
+        whole = text.encode()
+        self._texts = self._texts % 65535 + 1
+        number = self._texts if len(whole) >= _TEXT_CHUNK else 0
+        for part in range(len(whole) // _TEXT_CHUNK + 1):
+            chunk = whole[part * _TEXT_CHUNK :][:_TEXT_CHUNK]
+            self.send(mavlink.MAVLink_statustext_message(severity, chunk, number, part))
 
     def send(self, message: Message, peer: object | None = None) -> None:
         self.outbox.append(Outgoing(message, peer))
@@ -319,8 +337,12 @@ class Vehicle(abc.ABC):
         self._guide.hold()
 
     def is_outside_fence(self, radius: float, altitude: float, shapes: bool) -> bool:
-        """Whether the vehicle is farther from home than `radius` or higher than `altitude` (m, 0: no bound), or `shapes`
-        count and it is where its polygons and circles forbid it.
+        """Whether the vehicle is where a fence forbids it.
+
+        Args:
+            radius: m, from home; 0: no bound.
+            altitude: m, above home; 0: no bound.
+            shapes: whether its polygons and circles count.
         """
         x, y, _ = self.body.position
         if radius > 0 and self.home and math.hypot(x - self.home[0], y - self.home[1]) > radius:
@@ -329,11 +351,9 @@ class Vehicle(abc.ABC):
             return True
         return shapes and breaches(self.shapes, x, y)
 
+    @abc.abstractmethod
     def took_off(self) -> None:
         """The take-off has reached its height."""
-
-    def landed(self) -> None:
-        """The vehicle stands again."""
 
     def _take_fence(self, items: Sequence[Message]) -> None:
         self.shapes = read_fence(items, self.origin)
@@ -359,7 +379,9 @@ class Vehicle(abc.ABC):
             if z < self.home[2] + plan.altitude - 0.5:
                 return
             self._leg_since = math.inf
-            self._guide.go(self.home[:2], max(z, self.home[2] + plan.altitude), speed=plan.speed, climb=2.5, descent=1.5)
+            self._guide.go(
+                self.home[:2], max(z, self.home[2] + plan.altitude), speed=plan.speed, climb=2.5, descent=1.5
+            )
         if self._leg_since == math.inf and away < 1.0:
             self._leg_since = self.time
         if self.time - self._leg_since >= plan.wait:
@@ -376,7 +398,7 @@ class Vehicle(abc.ABC):
             self._resting_since = self.time
         elif self.time - self._resting_since >= _LANDED_AFTER:
             self._stand()
-            self.landed()
+            self.wish = None
 
     def _stand(self) -> None:
         self.phase, self._resting_since, self._leg_since = Phase.GROUND, None, None
@@ -400,6 +422,5 @@ class Vehicle(abc.ABC):
         elif self._tilted_since is None:
             self._tilted_since = self.time
         elif self.time - self._tilted_since >= _TILT_PATIENCE:
-            self.crashed = True
             self.say("Crash: Disarming", mavlink.MAV_SEVERITY_EMERGENCY)
             self._disarm()
