@@ -11,6 +11,9 @@ from moflock_mj.rigid_body import RigidBody, RigidBodyFlock
 from moflock_mj.scenario import Scenario
 from moflock_mj.world import World
 
+_OFF_THE_GROUND = 0.05
+"""m above its stand, from which a body flies: below it nothing blows it about, and its observer rests."""
+
 
 @entry_kernel
 def _advance(
@@ -32,10 +35,9 @@ class LiveBodies:
         rng: of the outer noise.
 
     Attributes:
-        desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next four.
+        desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next three.
         altitude: (N,), m, of the body's centre, to be held.
         stopped: (N, 4), 1 for a rotor that stands still.
-        standing: (N,), whether a body stands on the ground: nothing blows it about, and its controller rests.
         velocity_error: (2, N), m/s, by which a body's horizontal velocity is measured too high.
         ground: m, height of the centre of a body that stands.
         radius: m, of a body's collision shape.
@@ -63,7 +65,6 @@ class LiveBodies:
         self.velocity_error = np.zeros((2, drones))
         self.altitude = plant.altitude
         self.stopped = plant.stopped
-        self.standing = np.ones(drones, bool)
         self.advance(0)  # compiles, so that the first real step takes no longer than the others
 
     @property
@@ -78,8 +79,9 @@ class LiveBodies:
 
     def advance(self, steps: int) -> None:
         """Move all bodies by some integration steps."""
-        noise = self._rng.standard_normal((steps, 2, len(self.standing)))
-        noise[:, :, self.standing] = 0
-        # An observer that felt the ground would take it for an updraught, and give it back at take-off.
-        self._plant.observer[self.standing] = 0
+        standing = self.qpos[:, 2] < self.ground + _OFF_THE_GROUND
+        noise = self._rng.standard_normal((steps, 2, len(standing)))
+        noise[:, :, standing] = 0
+        # An observer that felt the ground would take it for an updraught, and sag after take-off.
+        self._plant.observer[standing] = 0
         _advance(self._plant, self._world, self.desired, self.velocity_error, noise)

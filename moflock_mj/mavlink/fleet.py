@@ -84,7 +84,7 @@ class FleetPlan:
             "vehicles": (1, VEHICLES_MAX),
             "base_port": (0, 65536 - self.vehicles),
             "speed": (0.01, _SPEED_MAX),
-            "spacing": (1.0, 1000.0),
+            "spacing": (0.01, 1000.0),
             "boot": (0.0, 600.0),
             "seed": (0, math.inf),
         }
@@ -299,7 +299,6 @@ class Fleet:
             bodies.desired[1, number] = setpoint.velocity_y
             bodies.altitude[number] = setpoint.altitude
             bodies.stopped[number] = setpoint.stopped
-            bodies.standing[number] = setpoint.stopped and body.position[2] < bodies.ground + 0.05
             rotor = station.faults.value("motor_failure")
             if rotor is not None:
                 bodies.stopped[number, int(rotor)] = 1

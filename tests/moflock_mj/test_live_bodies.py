@@ -1,0 +1,58 @@
+"""Bodies in real time: they stand, rise, sink and stop their rotors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from moflock_mj import Scenario
+from moflock_mj.airframes import airframe_names
+from moflock_mj.live_bodies import LiveBodies
+
+PLACES = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]])
+
+
+def bodies_of(airframe="x500", **scenario):
+    return LiveBodies(Scenario(airframe=airframe, **scenario), PLACES, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("airframe", airframe_names())
+def test_bodies_stand_still_whatever_the_noise(airframe):
+    bodies = bodies_of(airframe)
+    bodies.advance(400)
+    np.testing.assert_allclose(bodies.qpos[:, :2], PLACES, atol=1e-6)
+    np.testing.assert_allclose(bodies.qpos[:, 2], bodies.ground, atol=1e-3)
+    assert np.abs(bodies.qvel).max() < 1e-3
+
+
+@pytest.mark.parametrize("airframe", airframe_names())
+def test_each_body_has_a_height_of_its_own(airframe):
+    bodies = bodies_of(airframe, sigma_outer=0.0)
+    heights = np.array([bodies.ground, 2.0, 4.0])
+    bodies.stopped[1:] = 0
+    for tick in range(600):
+        bodies.altitude[:] = np.minimum(bodies.ground + 1.5 * tick * 0.02, heights)
+        bodies.advance(4)
+    np.testing.assert_allclose(bodies.qpos[:, 2], heights, atol=0.02)
+    np.testing.assert_allclose(bodies.qpos[:, :2], PLACES, atol=0.01)
+
+
+def test_a_takeoff_does_not_sag_after_a_long_stand():
+    """The observer must not have taken the ground for an updraught."""
+    bodies = bodies_of(sigma_outer=0.0)
+    bodies.advance(2000)
+    bodies.stopped[:] = 0
+    heights = []
+    for tick in range(400):
+        bodies.altitude[:] = min(bodies.ground + 1.5 * tick * 0.02, 5.0)
+        bodies.advance(4)
+        heights.append(bodies.qpos[0, 2])
+    assert np.diff(heights).min() > -1e-3
+    assert heights[-1] == pytest.approx(5.0, abs=0.05)
+
+
+def test_stopped_rotors_let_a_body_fall():
+    bodies = bodies_of(sigma_outer=0.0)
+    bodies.qpos[:, 2] = 3.0
+    bodies.advance(100)
+    np.testing.assert_allclose(bodies.qpos[:, 2], 3.0 - 9.81 * 0.5**2 / 2, atol=0.02)
