@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel
 from moflock_mj.plant import advance
+from moflock_mj.randomness import Streams
 from moflock_mj.rigid_body import RigidBody, RigidBodyFlock
 from moflock_mj.scenario import Scenario
+from moflock_mj.sensing import SensorModel, SensorState, drift_gps
 from moflock_mj.world import World
 
 _OFF_THE_GROUND = 0.05
@@ -26,19 +28,25 @@ def _advance(
     advance(plant, world, desired, velocity_error, noise)
 
 
+@entry_kernel
+def _drift(model: SensorModel, state: SensorState, noise: NDArray[np.float64]) -> None:
+    drift_gps(model, state, noise)
+
+
 class LiveBodies:
     """N bodies that stand on the ground until their rotors turn.
 
     Args:
-        scenario: airframe, response, bounds and outer noise.
+        scenario: airframe, response, bounds, outer noise and GPS errors.
         places: (N, 2), m, world, where they stand.
-        rng: of the outer noise.
+        streams: of the outer noise and the GPS errors.
 
     Attributes:
-        desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next three.
+        desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next two.
         altitude: (N,), m, of the body's centre, to be held.
         stopped: (N, 4), 1 for a rotor that stands still.
-        velocity_error: (2, N), m/s, by which a body's horizontal velocity is measured too high.
+        position_error: (2, N), m, of each body's GPS; to be read, and so are the rest.
+        velocity_error: (2, N), m/s, of each body's GPS.
         ground: m, height of the centre of a body that stands.
         radius: m, of a body's collision shape.
         step: s.
@@ -47,7 +55,7 @@ class LiveBodies:
         MoflockError: the scenario cannot be flown by rigid bodies.
     """
 
-    def __init__(self, scenario: Scenario, places: NDArray[np.float64], rng: np.random.Generator) -> None:
+    def __init__(self, scenario: Scenario, places: NDArray[np.float64], streams: Streams) -> None:
         drones = len(places)
         self.step = scenario.step_for("rigid_body")
         self._world = World.at_rest(drones)
@@ -55,14 +63,26 @@ class LiveBodies:
         flock = RigidBodyFlock(scenario.replace(drones=drones), self.step, self._world)
         self._flock = flock  # keeps alive what the plant points to
         self._plant = plant = flock.plant
-        self._rng = rng
+        self._streams = streams
         self.ground, self.radius = flock.airframe.half_height, flock.airframe.radius
         plant.qpos[:, 2] = self.ground
         plant.thrust[:] = 0
         plant.altitude[:] = self.ground
         plant.stopped[:] = 1
         self.desired = np.zeros((2, drones))
-        self.velocity_error = np.zeros((2, drones))
+        self._sensors = SensorModel(
+            t_gps=scenario.t_gps,
+            sigma_inner=scenario.sigma_inner,
+            lambda_gps=scenario.lambda_gps,
+            r_comm=scenario.r_comm,
+            packet_loss=0.0,
+        )
+        self._sensor_state = SensorState.at_start(self._world, 0)
+        self._steps_per_fix = round(scenario.t_gps / self.step)
+        self._steps_to_fix = 0
+        # What a vehicle tells others is what it reads itself: the first of the two processes does for both.
+        self.position_error = self._sensor_state.position_error[0]
+        self.velocity_error = self._sensor_state.velocity_error[0]
         self.altitude = plant.altitude
         self.stopped = plant.stopped
         self.advance(0)  # compiles, so that the first real step takes no longer than the others
@@ -78,10 +98,14 @@ class LiveBodies:
         return self._plant.qvel
 
     def advance(self, steps: int) -> None:
-        """Move all bodies by some integration steps."""
+        """Move all bodies by some integration steps, and their GPS errors once in t_gps."""
         standing = self.qpos[:, 2] < self.ground + _OFF_THE_GROUND
-        noise = self._rng.standard_normal((steps, 2, len(standing)))
+        noise = self._streams.disturbance.standard_normal((steps, 2, len(standing)))
         noise[:, :, standing] = 0
         # An observer that felt the ground would take it for an updraught, and sag after take-off.
         self._plant.observer[standing] = 0
+        self._steps_to_fix -= steps
+        if self._steps_to_fix <= 0:
+            self._steps_to_fix += self._steps_per_fix
+            _drift(self._sensors, self._sensor_state, self._streams.sensing.standard_normal((2, 2, len(standing))))
         _advance(self._plant, self._world, self.desired, self.velocity_error, noise)

@@ -27,6 +27,7 @@ from moflock_mj.mavlink.px4 import POSITION, Px4
 from moflock_mj.mavlink.signing import SigningClock, SigningKey
 from moflock_mj.mavlink.telemetry import Telemetry
 from moflock_mj.mavlink.vehicle import Phase, Vehicle
+from moflock_mj.randomness import Streams
 from moflock_mj.scenario import Scenario
 
 AUTOPILOTS: dict[str, type[Vehicle]] = {"ardupilot": ArduCopter, "px4": Px4}
@@ -55,7 +56,7 @@ class FleetPlan:
         speed: simulated over real time.
         spacing: m, between neighbours of the grid in which they stand.
         boot: s, simulated, until a vehicle's position can be used.
-        scenario: airframe, response and outer noise.
+        scenario: airframe, response, outer noise and GPS errors.
         faults: what breaks.
         seed: of the random numbers.
         origin: the world's place on the globe.
@@ -227,9 +228,9 @@ class Fleet:
 
     def __init__(self, plan: FleetPlan, key: SigningKey | None = None) -> None:
         self.plan = plan
-        noise, losses = np.random.default_rng(plan.seed).spawn(2)
+        streams = Streams.of(plan.seed)
         places = _grid(plan.vehicles, plan.spacing)
-        self.bodies = LiveBodies(plan.scenario, places, noise)
+        self.bodies = LiveBodies(plan.scenario, places, streams)
         if 2 * self.bodies.radius >= plan.spacing:
             raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
         self._steps = round(TICK / self.bodies.step)
@@ -246,7 +247,9 @@ class Fleet:
                 key,
                 clock,
             )
-            for number, (body, rng) in enumerate(zip(self._look(), losses.spawn(plan.vehicles), strict=True))
+            for number, (body, rng) in enumerate(
+                zip(self._look(), streams.communication.spawn(plan.vehicles), strict=True)
+            )
         ]
         self._ticks = 0
         self._looked = (0.0, time.perf_counter())
@@ -327,9 +330,13 @@ class Fleet:
         )
 
     def _look(self) -> list[Body]:
-        """The true states of all bodies."""
-        poses: list[list[float]] = self.bodies.qpos.tolist()
-        motions: list[list[float]] = self.bodies.qvel.tolist()
+        """The states of all bodies as they measure them."""
+        bodies = self.bodies
+        pose, motion = bodies.qpos.copy(), bodies.qvel.copy()
+        pose[:, :2] += bodies.position_error.T
+        motion[:, :2] += bodies.velocity_error.T
+        poses: list[list[float]] = pose.tolist()
+        motions: list[list[float]] = motion.tolist()
         return [_body(pose, motion) for pose, motion in zip(poses, motions, strict=True)]
 
 

@@ -20,7 +20,7 @@ _SPEED_MAX = 100.0
 
 
 class Body(NamedTuple):
-    """The true state of one vehicle.
+    """The state of one vehicle, as its estimator has it.
 
     Attributes:
         position: m, world.

@@ -1,6 +1,6 @@
 """One simulated vehicle: modes, arming, take-off, flight, return, landing and failsafes; without sockets or clocks.
 
-Time and the body's true state go in by `update`, messages by `conversation.Conversation`; setpoints come out of
+Time and the body's state go in by `update`, messages by `conversation.Conversation`; setpoints come out of
 `update`, messages gather in `outbox`. What differs between the autopilots is in `ardupilot.py` and `px4.py`.
 """
 

@@ -8,12 +8,13 @@ import pytest
 from moflock_mj import Scenario
 from moflock_mj.airframes import airframe_names
 from moflock_mj.live_bodies import LiveBodies
+from moflock_mj.randomness import Streams
 
 PLACES = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]])
 
 
 def bodies_of(airframe="x500", **scenario):
-    return LiveBodies(Scenario(airframe=airframe, **scenario), PLACES, np.random.default_rng(1))
+    return LiveBodies(Scenario(airframe=airframe, sigma_inner=0.0, **scenario), PLACES, Streams.of(1))
 
 
 @pytest.mark.parametrize("airframe", airframe_names())
@@ -56,3 +57,18 @@ def test_stopped_rotors_let_a_body_fall():
     bodies.qpos[:, 2] = 3.0
     bodies.advance(100)
     np.testing.assert_allclose(bodies.qpos[:, 2], 3.0 - 9.81 * 0.5**2 / 2, atol=0.02)
+
+
+def test_gps_errors_walk_once_in_each_fix_and_stay_small():
+    """Their deviation in the long run is that of the scenario: sigma_inner of the velocity, damped."""
+    bodies = LiveBodies(Scenario(), PLACES, Streams.of(1))
+    errors = []
+    for _ in range(3000):
+        bodies.advance(40)
+        errors.append(bodies.velocity_error.copy())
+        before = bodies.velocity_error.copy()
+        bodies.advance(36)
+        np.testing.assert_array_equal(bodies.velocity_error, before)
+        bodies.advance(4)
+    assert np.var(errors) == pytest.approx(0.005, rel=0.4)
+    np.testing.assert_allclose(bodies.qpos[:, :2], PLACES, atol=1e-6)

@@ -7,7 +7,7 @@ from moflock_mj.mavlink.fleet import TICK, Fleet, FleetPlan
 from moflock_mj.mavlink.link import Endpoint
 from moflock_mj.scenario import Scenario
 
-CALM = Scenario(sigma_outer=0.0)
+CALM = Scenario(sigma_outer=0.0, sigma_inner=0.0)
 VELOCITY = 0xDC7
 """Type mask of a pure velocity."""
 

@@ -24,7 +24,7 @@ MAVPROXY = BIN / "mavproxy.py"
 needs_mavsdk = pytest.mark.skipif(importlib.util.find_spec("mavsdk") is None, reason="mavsdk is not installed")
 needs_mavproxy = pytest.mark.skipif(not MAVPROXY.exists(), reason="MAVProxy is not installed")
 
-CALM = "sigma_outer = 0.0\n"
+CALM = "sigma_outer = 0.0\nsigma_inner = 0.0\n"
 
 
 def free_port():
