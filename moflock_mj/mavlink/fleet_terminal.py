@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import socket
 import time
 from collections.abc import AsyncIterator
 
@@ -25,15 +26,19 @@ _REFRESH = 0.5
 
 
 def address(text: str) -> Address:
-    """Host and port of a text such as 127.0.0.1:14540.
+    """Numeric host and port of a text such as 127.0.0.1:14540.
 
     Raises:
-        FleetError: it is no such text.
+        FleetError: it is no such text, or nobody knows the host.
     """
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise FleetError(f"to: {text!r} must be HOST:PORT with a port from 1 to 65535")
-    return host, int(port)
+    try:
+        return socket.gethostbyname(host), int(port)
+    except (OSError, UnicodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "no name of a host"
+        raise FleetError(f"to: {host}: {reason}") from None
 
 
 def run_fleet(plan: FleetPlan, key: SigningKey | None, duration: float | None, *, as_json: bool) -> int:
@@ -45,7 +50,10 @@ def run_fleet(plan: FleetPlan, key: SigningKey | None, duration: float | None, *
     seconds = math.inf if duration is None else duration
     if not seconds > 0:
         raise FleetError(f"duration: {seconds:g} s is out of bounds: it must be above 0")
-    fleet = Fleet(plan, key)
+    console = Console(stderr=True)
+    preparing = console.status("preparing (a first fleet compiles for some 20 s)")
+    with preparing if console.is_terminal else contextlib.nullcontext():
+        fleet = Fleet(plan, key)
     began = time.perf_counter()
     asyncio.run(_run(fleet, seconds, signed=key is not None, as_json=as_json))
     state, wall = fleet.state(), time.perf_counter() - began

@@ -65,7 +65,8 @@ def find_key(path: Path | None) -> SigningKey | None:
         text = os.environ.get(KEY_VARIABLE)
         return None if text is None else SigningKey.from_text(text, KEY_VARIABLE)
     try:
-        with path.open("rb") as file:
+        # Without O_NONBLOCK a named pipe would keep us waiting for somebody to write into it.
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise LinkError(f"key file {path}: is no regular file")

@@ -17,6 +17,8 @@ from pathlib import Path
 
 import pytest
 
+from moflock_mj.mavlink.signing import KEY_VARIABLE
+
 BIN = Path(sys.executable).parent
 HERE = Path(__file__).parent
 MAVPROXY = BIN / "mavproxy.py"
@@ -34,13 +36,15 @@ def free_port():
 
 
 @contextlib.contextmanager
-def running_fleet(folder, *arguments):
+def running_fleet(folder, *arguments, key=None):
     """A fleet in a process of its own; gives what it says of its endpoints."""
     (folder / "calm.toml").write_text(CALM)
     command = [BIN / "moflock", "fleet", "--base-port", "0", "--boot", "3", "--json", "--scenario", "calm.toml"]
     fleet = subprocess.Popen(
-        [*command, "--vehicles", "1", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder
-    )
+        [*command, "--vehicles", "1", *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+        env={**os.environ, KEY_VARIABLE: key} if key else None,
+    )  # fmt: skip
     try:
         line = fleet.stdout.readline()
         assert line, fleet.stderr.read()
@@ -49,7 +53,8 @@ def running_fleet(folder, *arguments):
         fleet.send_signal(signal.SIGTERM)
         stdout, stderr = fleet.communicate(timeout=60)
     assert fleet.returncode == 0, stderr
-    assert json.loads(stdout)["dropped"] == 0
+    if key is None:  # else the client may have spoken before it knew the key
+        assert json.loads(stdout)["dropped"] == 0
     assert stderr == ""
 
 
@@ -82,7 +87,7 @@ class Proxy:
         self.told = ""
         self.process = subprocess.Popen(
             [sys.executable, MAVPROXY, "--master", master, "--state-basedir", folder, "--default-modules",
-             "cmdlong,fence,mode,param,arm"],
+             "signing,cmdlong,fence,mode,param,arm"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder,
             env={**os.environ, "HOME": str(folder)},
         )  # fmt: skip
@@ -149,13 +154,18 @@ def test_mavproxy_flies_ardupilot(tmp_path):
 
 
 @needs_mavproxy
-def test_mavproxy_waits_for_px4(tmp_path):
-    port = free_port()
+def test_mavproxy_waits_for_px4_and_signs(tmp_path):
+    port, key = free_port(), "correct-horse-battery-staple"
     with (
-        running_fleet(tmp_path, "--autopilot", "px4", "--to", f"127.0.0.1:{port}", "--speed", "2"),
+        running_fleet(
+            tmp_path, "--autopilot", "px4", "--to", f"127.0.0.1:{port}", "--speed", "2", key=key
+        ) as endpoints,
         running_proxy(f"udpin:127.0.0.1:{port}", tmp_path) as proxy,
     ):
-        proxy.expect(r"Received \d+ parameters", seconds=60)
+        assert endpoints["signed"]
+        proxy.expect(r"Detected vehicle 1:1", seconds=60)
+        proxy.expect(r"Setup signing", f"signing key {key}")
+        proxy.expect(r"Received \d+ parameters", "param fetch", seconds=60)
         proxy.expect(r"MPC_XY_VEL_MAX\s+12", "param show MPC_XY*")
         proxy.expect(r"COMPONENT_ARM_DISARM: ACCEPTED", "arm throttle")
         proxy.expect(r"DISARMED")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -182,6 +183,9 @@ def test_a_key_is_read_from_a_file_of_ones_own(tmp_path):
         find_key(tmp_path / "absent")
     with pytest.raises(LinkError, match="regular"):
         find_key(Path("/dev/null"))
+    os.mkfifo(tmp_path / "pipe", 0o600)
+    with pytest.raises(LinkError, match="regular"):
+        find_key(tmp_path / "pipe")
     short = tmp_path / "short"
     short.write_text("secret")
     short.chmod(0o600)
