@@ -45,8 +45,8 @@ class LiveBodies:
         desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next two.
         altitude: (N,), m, of the body's centre, to be held.
         stopped: (N, 4), 1 for a rotor that stands still.
-        position_error: (2, N), m, of each body's GPS; to be read, and so are the rest.
-        velocity_error: (2, N), m/s, of each body's GPS.
+        position_error: (2, N), m, of each body's GPS.
+        velocity_error: (2, N), m/s, of each body's GPS; what is added to it goes away as other errors do.
         ground: m, height of the centre of a body that stands.
         radius: m, of a body's collision shape.
         step: s.

@@ -23,6 +23,9 @@ _WITHOUT_POSITION = (STABILIZE, ALT_HOLD, LAND)
 _FENCE_ALTITUDE, _FENCE_CIRCLE, _FENCE_SHAPES = 1, 2, 4
 """Bits of FENCE_TYPE."""
 
+_PREARM_PERIOD = 30.0
+"""s, between two lists of what keeps it from arming."""
+
 
 def _defaults(system: int) -> dict[str, Parameter]:
     return {
@@ -108,10 +111,13 @@ class ArduCopter(Vehicle):
         BRAKE: "BRAKE",
     }
 
+    pilot_mode = LOITER
+
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         super().__init__(system, origin, body, boot)
         self._low_since = 0.0
         self._low_told = 0
+        self._prearm_told = 0.0
 
     def make_parameters(self) -> ParameterTable:
         return ParameterTable(_defaults(self.system), bytewise=False)
@@ -146,20 +152,16 @@ class ArduCopter(Vehicle):
     def is_ground_station(self, system: int, kind: int) -> bool:  # noqa: ARG002
         return system == self.parameters["SYSID_MYGCS"]
 
-    @property
-    def prearm_healthy(self) -> bool:
-        """Looks at less than arming does: it was measured healthy long before the position could be used."""
-        return self.estimator.attitude_ready and not self._prearm_objections()
-
     def objections(self) -> list[str]:
-        reasons = self._prearm_objections()
+        reasons = self.prearm_objections()
         if self.mode not in _ARMABLE:
             reasons.append(f"Arm: {self.mode_names[self.mode]} mode not armable")
         if self.mode not in _WITHOUT_POSITION and not self.estimator.position_ready:
             reasons.append("Arm: Need Position Estimate")
         return reasons
 
-    def _prearm_objections(self) -> list[str]:
+    def prearm_objections(self) -> list[str]:
+        """Less than arming looks at: it was measured healthy long before the position could be used."""
         reasons, battery = [], self.battery
         if not self.estimator.attitude_ready:
             reasons.append("PreArm: AHRS: waiting for home")
@@ -218,11 +220,18 @@ class ArduCopter(Vehicle):
         return self.parameters["DISARM_DELAY"], 0.5
 
     def watch(self) -> None:
+        self._repeat_objections()
         self._watch_setpoints()
         self._watch_ground()
         self._watch_estimator()
         self._watch_battery()
         self._watch_fence()
+
+    def _repeat_objections(self) -> None:
+        if not self.armed and self.time - self._prearm_told >= _PREARM_PERIOD:
+            self._prearm_told = self.time
+            for reason in self.prearm_objections():
+                self.say(reason)
 
     def _watch_setpoints(self) -> None:
         wish, timeout = self.wish, self.parameters["GUID_TIMEOUT"]

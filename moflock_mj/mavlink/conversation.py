@@ -75,6 +75,7 @@ class Conversation:
             mavlink.MAV_CMD_NAV_TAKEOFF: lambda command, _: vehicle.command_takeoff(command.param7),
             mavlink.MAV_CMD_NAV_LAND: lambda *_: vehicle.command_land(),
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda *_: vehicle.command_return(),
+            mavlink.MAV_CMD_RUN_PREARM_CHECKS: self._run_prearm_checks,
             mavlink.MAV_CMD_DO_SET_MODE: self._do_set_mode,
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
@@ -123,6 +124,13 @@ class Conversation:
         if command.param1 == 0:
             return self._vehicle.disarm(force=force)
         return int(mavlink.MAV_RESULT_DENIED)
+
+    def _run_prearm_checks(self, command: Command, peer: object) -> int:  # noqa: ARG002
+        if self._vehicle.armed:
+            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        for reason in self._vehicle.prearm_objections():
+            self._vehicle.say(reason)
+        return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def _do_set_mode(self, command: Command, peer: object) -> int:  # noqa: ARG002
         custom = math.isfinite(command.param1) and int(command.param1) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

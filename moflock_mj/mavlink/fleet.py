@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from moflock_mj.errors import FleetError
 from moflock_mj.live_bodies import LiveBodies
-from moflock_mj.mavlink.ardupilot import LOITER, ArduCopter
+from moflock_mj.mavlink.ardupilot import ArduCopter
 from moflock_mj.mavlink.conversation import Conversation
 from moflock_mj.mavlink.dialect import Message
 from moflock_mj.mavlink.fleet_faults import ALL, Fault, Schedule, check_faults
 from moflock_mj.mavlink.geodesy import Origin
 from moflock_mj.mavlink.guidance import Body, Setpoint
 from moflock_mj.mavlink.link import Address, Endpoint, Peer
-from moflock_mj.mavlink.px4 import POSITION, Px4
+from moflock_mj.mavlink.px4 import Px4
 from moflock_mj.mavlink.signing import SigningClock, SigningKey
 from moflock_mj.mavlink.telemetry import Telemetry
 from moflock_mj.mavlink.vehicle import Phase, Vehicle
@@ -41,6 +41,8 @@ _LATE_MAX = 0.5
 """s by which the loop may be behind the clock before it gives up making good for it."""
 _WAITING_MAX = 10_000
 """Packets that a delayed link holds; more are lost."""
+_BLIND_DRIFT = 0.035
+"""m/s^2 along each axis, by which velocity errors grow without GPS: gravity through a tilt error of 0.3 degrees."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -184,7 +186,7 @@ class Station:
         elif fault.kind == "duplicate_id":
             self.endpoint.rename(int(fault.value))
         elif fault.kind == "pilot":
-            vehicle.set_mode(LOITER if isinstance(vehicle, ArduCopter) else POSITION)
+            vehicle.set_mode(vehicle.pilot_mode)
 
     def _end_fault(self, fault: Fault) -> None:
         if fault.kind == "duplicate_id":
@@ -305,6 +307,8 @@ class Fleet:
             rotor = station.faults.value("motor_failure")
             if rotor is not None:
                 bodies.stopped[number, int(rotor)] = 1
+            if station.faults.value("gps_loss") is not None:
+                bodies.velocity_error[:, number] += _BLIND_DRIFT * TICK
         bodies.advance(self._steps)
 
     def state(self) -> FleetState:

@@ -62,12 +62,10 @@ class Peer:
 
     Attributes:
         address: where it is.
-        heard: whether a valid packet came from there.
     """
 
-    def __init__(self, address: Address, packer: Any, heard: bool) -> None:
+    def __init__(self, address: Address, packer: Any) -> None:
         self.address = address
-        self.heard = heard
         self._packer = packer
         self._sequences: dict[tuple[int, int], int] = {}
 
@@ -156,7 +154,7 @@ class Endpoint(asyncio.DatagramProtocol):
         for peer in self.peers.values():
             peer._packer.srcSystem = system
 
-    def peer(self, address: Address, *, heard: bool = False) -> Peer:
+    def peer(self, address: Address) -> Peer:
         """The peer at an address, made if there is none yet."""
         peer = self.peers.pop(address, None)
         if peer is None:
@@ -164,10 +162,9 @@ class Endpoint(asyncio.DatagramProtocol):
             if self._key is not None:
                 packer.signing.secret_key = self._key.secret
                 packer.signing.sign_outgoing = True
-            peer = Peer(address, packer, heard)
+            peer = Peer(address, packer)
             if len(self.peers) >= PEERS_MAX:
                 del self.peers[next(iter(self.peers))]
-        peer.heard |= heard
         self.peers[address] = peer
         return peer
 
@@ -228,7 +225,7 @@ class Endpoint(asyncio.DatagramProtocol):
         if not self._is_addressed(message) or (system, component) == (self.system, self.component):
             self.counts.foreign += 1
             return
-        peer = self.peer(address, heard=True)
+        peer = self.peer(address)
         self.counts.received += 1
         self.counts.lost += peer.count_lost(system, component, message.get_seq())
         self._receive(message, peer)

@@ -111,6 +111,8 @@ class Px4(Vehicle):
         LAND: "LAND",
     }
 
+    pilot_mode = POSITION
+
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         super().__init__(system, origin, body, boot)
         self._before_offboard = HOLD
@@ -175,6 +177,9 @@ class Px4(Vehicle):
         if self.fence_enabled and self._is_outside():
             reasons.append("Preflight Fail: Geofence violation")
         return reasons
+
+    def prearm_objections(self) -> list[str]:
+        return self.objections()
 
     def refuse_arming(self, objections: list[str]) -> int:
         self.say("Arming denied: Resolve system health failures first")

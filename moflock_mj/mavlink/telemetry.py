@@ -62,7 +62,7 @@ _SENSORS = (
 
 
 class Telemetry:
-    """The messages of one vehicle that fall due.
+    """The messages of one vehicle that fall due, the same for all its peers: as on one serial port.
 
     Args:
         vehicle: tells of itself.
@@ -174,7 +174,7 @@ class Telemetry:
             healthy &= ~mavlink.MAV_SYS_STATUS_AHRS
         if vehicle.breached:
             healthy &= ~mavlink.MAV_SYS_STATUS_GEOFENCE
-        if not vehicle.prearm_healthy:
+        if vehicle.prearm_objections():
             healthy &= ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         return mavlink.MAVLink_sys_status_message(
             _SENSORS, enabled, healthy, 300, round(battery.voltage * 1000), round(battery.current * 100),

@@ -104,6 +104,8 @@ class Vehicle(abc.ABC):
     tasks: ClassVar[dict[int, Task]]
     """By mode number, as HEARTBEAT's custom_mode has it; a mode that is absent holds."""
     mode_names: ClassVar[dict[int, str]]
+    pilot_mode: ClassVar[int]
+    """In which somebody with a remote control takes over."""
 
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         self.system = system
@@ -210,10 +212,9 @@ class Vehicle(abc.ABC):
     def fence_enabled(self) -> bool:
         """Whether a fence is watched."""
 
-    @property
-    def prearm_healthy(self) -> bool:
-        """SYS_STATUS's bit MAV_SYS_STATUS_PREARM_CHECK."""
-        return not self.objections()
+    @abc.abstractmethod
+    def prearm_objections(self) -> list[str]:
+        """Why SYS_STATUS's bit MAV_SYS_STATUS_PREARM_CHECK is not healthy now; arming may look at more."""
 
     # What an operator does.
 
@@ -391,7 +392,7 @@ class Vehicle(abc.ABC):
         """Descend, and notice the ground."""
         descent, above = self.descent(), self.height()
         self._guide.sink(self._ground - 0.7, descent.slow if above < descent.slow_below else descent.fast)
-        resting = above < 0.3 and abs(self.body.velocity[2]) < 0.15 and self.body.speed < 0.3
+        resting = above < 0.3 and abs(self.body.velocity[2]) < 0.15
         if not resting:
             self._resting_since = None
         elif self._resting_since is None:

@@ -166,3 +166,15 @@ def test_an_unknown_mode_and_a_mode_without_a_position_are_refused(station):
     station.vehicle.estimator = type(station.vehicle.estimator)(boot=1e9)
     assert station.mode(LOITER) == FAILED
     assert "Mode change to LOITER failed: requires position" in station.texts()
+
+
+def test_it_says_why_it_does_not_arm_when_it_is_asked_and_by_itself(station):
+    station.set_parameter("BATT_ARM_VOLT", 13.0)
+    reason = "PreArm: Battery 1 below minimum arming voltage"
+    assert station.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == ACCEPTED
+    assert station.texts() == [reason]
+    station.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 1)
+    assert not station.latest("SYS_STATUS").onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    station.wait(31.0)
+    assert station.texts() == [reason, reason]
+    assert station.arm() == FAILED

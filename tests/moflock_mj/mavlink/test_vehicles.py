@@ -229,6 +229,8 @@ def test_without_gps_it_lands(autopilot):
     station.take_off(3.0)
     station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 24, 100_000)
     assert station.wait(40.0, until=lambda: not station.vehicle.armed)
+    drifted = math.dist(station.fleet.bodies.qpos[0, :2], station.vehicle.local_origin[:2])
+    assert 0.2 < drifted < 20
     assert station.latest("GPS_RAW_INT").fix_type == mavlink.GPS_FIX_TYPE_NO_FIX
     assert station.vehicle.phase == Phase.GROUND
 
