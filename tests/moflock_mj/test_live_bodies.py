@@ -63,7 +63,7 @@ def test_gps_errors_walk_once_in_each_fix_and_stay_small():
     """Their deviation in the long run is that of the scenario: sigma_inner of the velocity, damped."""
     bodies = LiveBodies(Scenario(), PLACES, Streams.of(1))
     errors = []
-    for _ in range(3000):
+    for _ in range(1000):
         bodies.advance(40)
         errors.append(bodies.velocity_error.copy())
         before = bodies.velocity_error.copy()
