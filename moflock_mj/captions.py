@@ -8,7 +8,7 @@ from pathlib import Path
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import RenderError
 from moflock_mj.flight import AnyFlight, Samples
-from moflock_mj.points import paper_point, point_names
+from moflock_mj.points import named_point, point_names
 
 _DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses"}
 
@@ -41,7 +41,9 @@ def conditions(flight: AnyFlight) -> str:
     scenario, flown = flight.scenario, kept_samples(flight).t[-1]
     what = f"{scenario.airframe} rigid bodies" if flight.dynamics == "rigid_body" else "point masses"
     lasting = f"{flown:g} s" if flown >= scenario.duration - 1e-6 else f"{flown:g} of {scenario.duration:g} s"
-    return f"{scenario.drones} {what}, {scenario.arena_side:g} m arena, {lasting}, seed {flight.seed}"
+    place = getattr(flight.params, "target_x", None), getattr(flight.params, "target_y", None)
+    target = "" if place[0] is None else f", target at ({place[0]:g}, {place[1]:g}) m"
+    return f"{scenario.drones} {what}, {scenario.arena_side:g} m arena{target}, {lasting}, seed {flight.seed}"
 
 
 def figures(flight: AnyFlight) -> str:
@@ -53,8 +55,8 @@ def figures(flight: AnyFlight) -> str:
 
 
 def _point_name(params: FlockingParams) -> str:
-    """A paper's point, or none of them."""
-    names = [name for name in point_names() if paper_point(name) == params]
+    """A named point, or none of them."""
+    names = [name for name in point_names() if named_point(name) == params[:12]]
     return f"point {names[0]}" if names and len(names[0]) == 1 else names[0] if names else "own point"
 
 

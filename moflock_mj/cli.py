@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import enum
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from moflock_mj.errors import MoflockError
+from moflock_mj.gl import do_without_gl
+from optimize.commands import commands as search_commands
 
 if TYPE_CHECKING:
     from moflock_mj.flight import Follower
@@ -43,7 +47,9 @@ def moflock() -> None:
 
 @app.command("fly", epilog="Example: moflock fly --point A --drones 20 --duration 120 --log logs/a.mcap")
 def fly_command(
-    point: Annotated[str, typer.Option(help="A, B, model_optimum, or a .json file of parameters.")] = "model_optimum",
+    point: Annotated[
+        str, typer.Option(help="knee, fast, cohesive, A, B, model_optimum, or a .json file of parameters.")
+    ] = "knee",
     dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
     scenario: Annotated[Path | None, typer.Option(help="TOML file; what it leaves out is the paper's.")] = None,
     drones: Annotated[int | None, typer.Option(help="Number of drones.")] = None,
@@ -121,7 +127,7 @@ def replay_command(
     recover: Annotated[bool, typer.Option("--recover", help="Save what is intact of a broken log.")] = False,
     viewer: Annotated[bool, typer.Option("--viewer", help="Play it in MuJoCo's viewer.")] = False,
     video: Annotated[Path | None, typer.Option(help="Write a video, .mp4.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Write its curves and ways, .png, .svg or .pdf.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Write its curves and trajectories, .png, .svg or .pdf.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write a page with a 3D replay.")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write its samples as CSV.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write its samples as Parquet.")] = None,
@@ -171,6 +177,9 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal()):
         raise MoflockError(f"size: {text!r} is of the wrong type: it must be WIDTHxHEIGHT in pixels")
     return int(width), int(height)
+
+
+app.add_typer(search_commands)
 
 
 class Autopilot(enum.StrEnum):
@@ -240,6 +249,8 @@ def fleet_command(
 
 def main() -> None:
     """Run the command line; errors that are the user's to mend become one line on stderr."""
+    signal.signal(signal.SIGTERM, _leave)
+    do_without_gl()
     try:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except MoflockError as problem:
@@ -252,6 +263,12 @@ def main() -> None:
         sys.stderr.close()
         status = 1
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _leave(signal_number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    """End the command as an exception would, so that it cleans up; a second wish does not disturb it at that."""
+    signal.signal(signal_number, signal.SIG_IGN)
+    sys.exit(128 + signal_number)
 
 
 def _refuse(message: str) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from moflock_mj.errors import RenderError
+from moflock_mj.figure_style import FLIGHTS
 from moflock_mj.flight import Samples
 from moflock_mj.log_schemas import STATUS_RGBA
 from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED
@@ -31,7 +32,7 @@ _VIRIDIS = np.array(
         [253, 231, 37],
     ]
 )
-_FLIGHTS = np.array([[66, 165, 245], [150, 230, 110]])
+_FLIGHTS = np.array([list(bytes.fromhex(colour[1:])) for colour in FLIGHTS])
 _WHITE = np.array([240, 240, 240])
 _CALM, _OUTSIDE, _CLOSE, _TOUCHED = STATUS_RGBA[:, :3].astype(int)
 

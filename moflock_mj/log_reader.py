@@ -52,7 +52,7 @@ from moflock_mj.log_schemas import (
     points_record,
 )
 from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
-from moflock_mj.points import check_point
+from moflock_mj.points import check_point, with_target
 from moflock_mj.scenario import DEFAULT_STEP, Scenario
 
 _FLAGS = np.array([0, OUTSIDE, CLOSE, TOUCHED], np.uint8)
@@ -151,6 +151,9 @@ def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, FlockingParams, st
         params = check_point(values[name] for name in FlockingParams._fields)
         field = "scenario"
         scenario = Scenario.from_toml(metadata[field])
+        field = "parameters"
+        if "target_x" in values:
+            params = with_target(params, (float(values["target_x"]), float(values["target_y"])), scenario.arena_side)
         field = "seed"
         seed = int(metadata[field])
         field = "dynamics"

@@ -20,6 +20,7 @@ from typing import IO, Any, NamedTuple, Self
 from moflock_mj.errors import LogError
 from moflock_mj.events import FlightEvent
 from moflock_mj.log_encoder import Attachment, Encoder, FlightState, LogHeader, SampleBlock, check_shapes
+from moflock_mj.new_file import make_room
 
 __all__ = ["Attachment", "FlightEvent", "FlightLog", "LogHeader", "SampleBlock"]
 
@@ -183,9 +184,7 @@ class _Finish(NamedTuple):
 
 def _open(path: Path, part: Path) -> IO[bytes]:
     """Open the unfinished file for this process alone; one that a dead process left is overwritten."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_dir():
-        raise IsADirectoryError(None, "is a folder")
+    make_room(path)
     descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
         # Emptied only once it is ours.
@@ -202,8 +201,6 @@ def _log_error(path: Path, failure: Exception) -> LogError:
     match failure:
         case BlockingIOError():
             reason = "another flight is writing it"
-        case FileExistsError() | NotADirectoryError():
-            reason = f"{path.parent} is not a folder"
         case OSError(strerror=str(text)):
             reason = text[:1].lower() + text[1:]
         case _:

@@ -25,9 +25,7 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(path)
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        if path.is_dir():
-            raise RenderError(f"{path}: it is a folder, must be a file")
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_room(path)
         yield part
         part.replace(path)
     except OSError as problem:
@@ -35,3 +33,20 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             part.unlink()
+
+
+def make_room(path: Path) -> None:
+    """Make the folders of a file to be, and see to it that it would replace nothing but a file.
+
+    Raises:
+        OSError: it cannot be written; `strerror` says why.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise OSError(None, f"not a folder: {path.parent}") from None
+    if path.is_dir():
+        raise OSError(None, "it is a folder, must be a file")
+    # Such as /dev/full, whose place a file would take.
+    if path.exists() and not path.is_file():
+        raise OSError(None, "it is a device or a pipe, must be a file")

@@ -1,4 +1,4 @@
-"""One picture of a flight, or of two: its order parameters, its ways from above, its distances and its speeds."""
+"""One picture of a flight, or of two: order parameters, trajectories from above, nearest distances, speeds."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from moflock_mj.arena import SquareArena
 from moflock_mj.captions import conditions, figures, flight_names, kept_samples
 from moflock_mj.errors import RenderError
+from moflock_mj.figure_style import BLACK, BLUE, FLIGHTS, GREEN, ORANGE, PINK, RED, STYLE
 from moflock_mj.flight import AnyFlight, Samples
 from moflock_mj.new_file import new_file
 from moflock_mj.order_parameters import TOUCHED, OrderParameters
@@ -33,34 +34,14 @@ FORMATS = (".png", ".svg", ".pdf")
 _MOST_FLIGHTS = 2
 _DOTS_PER_INCH = 150
 
-# Of Okabe and Ito's colours, which stay apart for every kind of colour blindness, those that are not faint on paper.
-_BLACK, _ORANGE, _GREEN, _BLUE, _RED, _PINK = "#222222", "#e69f00", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
-_FLIGHTS = (_BLUE, _RED)
 _LIMIT = "#555555"
 _DANGER = "#d00000"
 
-_STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "font.family": "DejaVu Sans",
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "svg.hashsalt": "moflock",  # so that the same flight gives the same file
-}
-
 _MOST_CORNERS = 1200
-"""Corners of one drone's way; more of them cannot be told apart on the map."""
+"""Corners of one drone's trajectory; more of them cannot be told apart on the map."""
 
 _TAIL_SECONDS = 15.0
-"""The end of each way that is drawn thicker: where the drones have just been."""
+"""The end of each trajectory that is drawn thicker: where the drones have just been."""
 
 
 class _Curve(NamedTuple):
@@ -75,12 +56,12 @@ class _Curve(NamedTuple):
 
 # What should be large is drawn through, what should be small is broken.
 _CURVES = (
-    _Curve("wall", "beyond the wall", "m", _RED, (0, (5, 2))),
-    _Curve("vel", "speed", "m/s", _BLUE, "solid"),
-    _Curve("corr", "correlation", "", _GREEN, "solid"),
-    _Curve("coll", "colliding pairs", "of all", _BLACK, (0, (1, 1.2))),
-    _Curve("disc", "disconnected", "drones", _PINK, (0, (5, 2))),
-    _Curve("cluster", "fewest neighbours", "", _ORANGE, "solid"),
+    _Curve("wall", "beyond the wall", "m", RED, (0, (5, 2))),
+    _Curve("vel", "speed", "m/s", BLUE, "solid"),
+    _Curve("corr", "correlation", "", GREEN, "solid"),
+    _Curve("coll", "colliding pairs", "of all", BLACK, (0, (1, 1.2))),
+    _Curve("disc", "disconnected", "drones", PINK, (0, (5, 2))),
+    _Curve("cluster", "fewest neighbours", "", ORANGE, "solid"),
 )
 
 
@@ -116,12 +97,12 @@ def draw_picture(flights: AnyFlight | Sequence[AnyFlight], out: str | os.PathLik
         raise RenderError(f"picture {out}: its name ends in {form!r}, must be one of {', '.join(FORMATS)}")
     if not 1 <= len(flights) <= _MOST_FLIGHTS:
         raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MOST_FLIGHTS}")
-    with rc_context(_STYLE), new_file(out) as place:
+    with rc_context(STYLE), new_file(out) as place:
         undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(form)
         flight_figure(flights).savefig(place, dpi=_DOTS_PER_INCH, metadata=undated)
 
 
-@rc_context(_STYLE)
+@rc_context(STYLE)
 def flight_figure(flights: Sequence[AnyFlight]) -> Figure:
     """The figure of one flight or two."""
     names = flight_names(flights)
@@ -135,13 +116,13 @@ def flight_figure(flights: Sequence[AnyFlight]) -> Figure:
     axes = figure.subplot_mosaic([list(row) for row in rows], height_ratios=heights)
     low, high = _bounds(flights[0].scenario, samples)
     for number, (flight, name) in enumerate(zip(flights, names, strict=True)):
-        prefix, colour = (f"{name}: ", _FLIGHTS[number]) if compared else ("", None)
-        ways, order = axes["AB"[number]], axes["CD"[number]]
-        ways.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x, m", ylabel="y, m")
-        _draw_ways(ways, flight.scenario, samples[number], colour)
+        prefix, colour = (f"{name}: ", FLIGHTS[number]) if compared else ("", None)
+        above, order = axes["AB"[number]], axes["CD"[number]]
+        above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x, m", ylabel="y, m")
+        _draw_trajectories(above, flight.scenario, samples[number], colour)
         _draw_order_parameters(order, flight.scenario, samples[number])
-        ways.set_title(f"{prefix}Ways from above", color=colour or _BLACK)
-        order.set_title(f"{prefix}Order parameters, mean since the start", color=colour or _BLACK)
+        above.set_title(f"{prefix}Trajectories from above", color=colour or BLACK)
+        order.set_title(f"{prefix}Order parameters, mean since the start", color=colour or BLACK)
     _draw_nearest(axes["E"], flights, samples, names)
     _draw_speeds(axes["F"], flights, samples, names)
     lines = [f"{name}: {conditions(flight)}\n{figures(flight)}" for name, flight in zip(names, flights, strict=True)]
@@ -158,8 +139,8 @@ def _bounds(scenario: Scenario, samples: list[Samples]) -> tuple[NDArray[np.floa
     return low - room, high + room
 
 
-def _draw_ways(axes: Axes, scenario: Scenario, samples: Samples, colour: str | None) -> None:
-    """The ways of all drones from above, coloured by time; a flight that is compared has shades of its own."""
+def _draw_trajectories(axes: Axes, scenario: Scenario, samples: Samples, colour: str | None) -> None:
+    """The trajectories of all drones from above, coloured by time; a flight that is compared has shades of its own."""
     outline = SquareArena(scenario.arena_side).outline()
     axes.add_patch(Polygon(outline, closed=True, fill=False, edgecolor=_LIMIT, linewidth=1.4, zorder=1))
     # Viridis without its yellow end, which is too faint on paper; or from grey to the flight's own colour.
@@ -190,7 +171,7 @@ def _draw_ways(axes: Axes, scenario: Scenario, samples: Samples, colour: str | N
 def _lines_in_time(
     t: NDArray[np.float64], place: NDArray[np.float64], width: float, alpha: float, shades: Any
 ) -> LineCollection:
-    """Ways of N drones in pieces that are coloured by time; t: (T,), s; place: (T, N, 2), m."""
+    """Trajectories of N drones in pieces that are coloured by time; t: (T,), s; place: (T, N, 2), m."""
     pieces = np.stack([place[:-1], place[1:]], axis=2).reshape(-1, 2, 2)
     times = np.repeat(t[1:], place.shape[1])
     # As vectors, the pieces of a long flight would make a file of many megabytes.
@@ -221,7 +202,7 @@ def _draw_order_parameters(axes: Axes, scenario: Scenario, samples: Samples) -> 
 def _draw_nearest(axes: Axes, flights: Sequence[AnyFlight], samples: list[Samples], names: list[str]) -> None:
     """The smallest distance between two drones, and where a collision begins."""
     for number, (flown, name) in enumerate(zip(samples, names, strict=True)):
-        axes.plot(flown.t, flown.nearest, color=_FLIGHTS[number], linewidth=0.8, alpha=0.85, label=name)
+        axes.plot(flown.t, flown.nearest, color=FLIGHTS[number], linewidth=0.8, alpha=0.85, label=name)
     limit = flights[0].scenario.r_coll
     axes.axhspan(0, limit, color=_DANGER, alpha=0.09, linewidth=0)
     axes.axhline(limit, color=_DANGER, linestyle=(0, (5, 3)), linewidth=1.1, label=f"r_coll = {limit:g} m")
@@ -235,16 +216,14 @@ def _draw_speeds(axes: Axes, flights: Sequence[AnyFlight], samples: list[Samples
     """The mean speed, and how far apart the slowest and the fastest drone are."""
     for number, (flown, name) in enumerate(zip(samples, names, strict=True)):
         speed = np.linalg.norm(flown.velocity, axis=-1)
-        axes.fill_between(
-            flown.t, speed.min(axis=1), speed.max(axis=1), color=_FLIGHTS[number], alpha=0.16, linewidth=0
-        )
-        axes.plot(flown.t, speed.mean(axis=1), color=_FLIGHTS[number], linewidth=1.3, label=f"{name}: mean")
+        axes.fill_between(flown.t, speed.min(axis=1), speed.max(axis=1), color=FLIGHTS[number], alpha=0.16, linewidth=0)
+        axes.plot(flown.t, speed.mean(axis=1), color=FLIGHTS[number], linewidth=1.3, label=f"{name}: mean")
     wanted = flights[0].scenario.v_flock
     axes.axhline(wanted, color=_LIMIT, linestyle=(0, (5, 3)), linewidth=1.1, label=f"v_flock = {wanted:g} m/s")
     axes.set(xlabel="time, s", ylabel="speed, m/s", ylim=(0, None))
     axes.set_xlim(0, max(flown.t[-1] for flown in samples) or 1)
     axes.set_title("Speed of the drones")
-    band = Patch(color=_FLIGHTS[0] if len(flights) == 1 else _LIMIT, alpha=0.16, label="slowest to fastest drone")
+    band = Patch(color=FLIGHTS[0] if len(flights) == 1 else _LIMIT, alpha=0.16, label="slowest to fastest drone")
     _legend_below(axes, 2 if len(flights) > 1 else 3, [*axes.get_legend_handles_labels()[0], band])
 
 

@@ -6,10 +6,11 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from controllers.flocking import FlockingParams
-from moflock_mj.errors import PointError
+from controllers.loitering import LoiteringParams
+from moflock_mj.errors import PointError, ScenarioError
 from moflock_mj.quantities import check_keys
 
 _PAPER_POINTS = {
@@ -26,6 +27,11 @@ _PAPER_POINTS = {
     ),
 }  # fmt: skip
 
+_OWN_POINTS = ("fast", "knee", "cohesive")
+"""Points that our own search has found; `named_points/` has each with its provenance, as `make paper` writes it."""
+
+_OWN_FOLDER = Path(__file__).parent / "named_points"
+
 _MUST_BE_POSITIVE = ("a_frict", "p_frict", "a_shill", "p_shill")
 """The braking curve divides by its slope and brakes by its acceleration."""
 
@@ -34,8 +40,21 @@ _LARGEST_FILE = 1 << 20
 
 
 def point_names() -> tuple[str, ...]:
-    """Names that `paper_point` knows."""
-    return tuple(_PAPER_POINTS)
+    """Names that `named_point` knows."""
+    return (*_OWN_POINTS, *_PAPER_POINTS)
+
+
+def named_point(name: str) -> FlockingParams:
+    """A point of the paper's, or one of our own: "fast", "knee" or "cohesive".
+
+    Raises:
+        PointError: another name.
+    """
+    if name in _OWN_POINTS:
+        return _read_point(_OWN_FOLDER / f"{name}.json")
+    if name not in _PAPER_POINTS:
+        raise PointError(f"point {name}: unknown; it must be one of {', '.join(point_names())}, or a .json file")
+    return _PAPER_POINTS[name]
 
 
 def paper_point(name: str) -> FlockingParams:
@@ -73,18 +92,41 @@ def check_point(values: Any) -> FlockingParams:
     return FlockingParams(*(float(value) for value in numbers))
 
 
+def with_target(params: FlockingParams, target: tuple[float, float], reach: float) -> FlockingParams:
+    """A point's parameters and a target to loiter around, as a flight takes them: `LoiteringParams`.
+
+    A flight asks its parameters for the 12 by their names, and its loop for their type, which chooses the policy.
+
+    Args:
+        params: the 12 parameters.
+        target: (x, y), m, world.
+        reach: m, how far from the origin x and y may be.
+
+    Raises:
+        ScenarioError: the target is out of reach.
+    """
+    for name, value in zip(("target_x", "target_y"), target, strict=True):
+        if not abs(value) <= reach:
+            raise ScenarioError(f"{name}: {value!r} m is out of bounds: it must be at most {reach:g} m in size")
+    return cast("FlockingParams", LoiteringParams.of(check_point(params), target))
+
+
 def load_point(name_or_path: str) -> FlockingParams:
     """A named point, or the point of a JSON file: an object of the 12 names, or one with such an object as `params`.
 
     Raises:
         PointError: no such name or file, or not a point.
     """
-    if name_or_path in _PAPER_POINTS:
-        return _PAPER_POINTS[name_or_path]
     path = Path(name_or_path)
-    if path.suffix != ".json":
-        known = ", ".join(_PAPER_POINTS)
-        raise PointError(f"point {name_or_path}: unknown; it must be one of {known}, or a .json file")
+    return _read_point(path) if path.suffix == ".json" else named_point(name_or_path)
+
+
+def dump_point(params: FlockingParams) -> str:
+    """The point as JSON, as `load_point` reads it."""
+    return json.dumps({"params": params._asdict()}, indent=1) + "\n"
+
+
+def _read_point(path: Path) -> FlockingParams:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise PointError(f"point {path}: {path.stat().st_size} bytes; it must be at most {_LARGEST_FILE}")
@@ -97,11 +139,6 @@ def load_point(name_or_path: str) -> FlockingParams:
         return _point_of(content)
     except PointError as problem:
         raise PointError(f"point {path}: {problem}") from None
-
-
-def dump_point(params: FlockingParams) -> str:
-    """The point as JSON, as `load_point` reads it."""
-    return json.dumps({"params": params._asdict()}, indent=1) + "\n"
 
 
 def _point_of(content: Any) -> FlockingParams:

@@ -32,6 +32,7 @@ from moflock_mj.log_records import (
     records_in,
 )
 from moflock_mj.log_schemas import CHANNELS, RESULT_METADATA, RUN_METADATA, schema_of
+from moflock_mj.new_file import make_room
 
 RECOVERY_METADATA = "moflock.recovery"
 """Record of a recovered log: from which file, and what was wrong with it."""
@@ -103,10 +104,10 @@ def recover(
         LogError: no flight is intact, or the new log cannot be written.
     """
     broken = Path(broken)
+    data = map_file(broken)
     out = recovered_path(broken) if out is None else Path(out)
     if out.resolve() == broken.resolve():
         raise LogError(f"log: {out}: is the broken log; the recovered one must be another file")
-    data = map_file(broken)
     _refuse_unfinished_flight(broken)
     salvage = _Salvage(data, progress or (lambda _: None))
     if RUN_METADATA not in salvage.metadata:
@@ -285,13 +286,12 @@ def _replacing(path: Path) -> Iterator[Path]:
     """
     part = path.with_name(f"{path.name}.recovered.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_dir():
-            raise IsADirectoryError(None, "is a folder")
+        make_room(path)
         yield part
         part.replace(path)
     except OSError as problem:
-        raise LogError(f"log: {path}: {(problem.strerror or str(problem)).lower()}") from None
+        reason = problem.strerror or str(problem)
+        raise LogError(f"log: {path}: {reason[:1].lower()}{reason[1:]}") from None
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)

@@ -78,8 +78,9 @@ def verify_log(path: Path, *, as_json: bool) -> int:
     """
     from moflock_mj.verify import verify  # noqa: PLC0415 - flies, so it loads the compiled loop
 
-    with flight_progress(read_log(path).scenario.duration) as progress:
-        verification = verify(path, progress)
+    logged = read_log(path)
+    with flight_progress(logged.scenario.duration) as progress:
+        verification = verify(logged, progress)
     print_verification(verification, as_json=as_json)
     return 0 if verification.difference is None else 1
 
@@ -96,9 +97,10 @@ def resume_log(
     from moflock_mj.verify import resume  # noqa: PLC0415
 
     params = load_point(point) if point else None
-    with flight_progress(read_log(path).scenario.duration) as progress, stop_on_interrupt() as interrupted:
+    logged = read_log(path)
+    with flight_progress(logged.scenario.duration) as progress, stop_on_interrupt() as interrupted:
         flight = resume(
-            path,
+            logged,
             at,
             params=params,
             duration=duration,

@@ -64,7 +64,7 @@ class _Captions:
 
     def __init__(self, playback: Playback, camera: str, size: tuple[int, int]) -> None:
         self._playback, (self._width, self._height) = playback, size
-        self._unit = max(self._height / 36, 9.0)
+        self._unit = max(min(self._height / 36, self._width / 64), 8.5)  # so that no two panels meet
         self._font = ImageFont.load_default(self._unit)
         self._small = ImageFont.load_default(0.8 * self._unit)
         self._legend = draw_legend(playback.legend, self._unit)
@@ -84,7 +84,7 @@ class _Captions:
         panels.append((note, self._width - unit - note.width, bottom - note.height))
         if event:
             told = self._panel([event], self._font, self._unit, _WORDS)
-            panels.append((told, (self._width - told.width) // 2, unit))
+            panels.append((told, self._width - unit - told.width, unit))
         for panel, left, top in panels:
             image.paste(panel, (left, top), panel)
         return np.asarray(image)

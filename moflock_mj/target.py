@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeWarning, curve_fit
 
 from controllers.flocking import FlockingParams
-from controllers.loitering import LoiteringParams
 from moflock_mj.errors import FlightError, ScenarioError
 from moflock_mj.flight import Flight, Progress, Samples, fly_on
 from moflock_mj.flock import Flock
-from moflock_mj.points import check_point
+from moflock_mj.points import with_target
 from moflock_mj.scenario import Scenario
 
 TRANSIENT = 100.0
@@ -107,14 +106,7 @@ def track_target(
         raise ScenarioError(
             f"duration: {scenario.duration:g} s is too short: it must be over the {transient:g} s of transient"
         )
-    for name, value in zip(("target_x", "target_y"), target, strict=True):
-        if not abs(value) <= scenario.arena_side:
-            raise ScenarioError(
-                f"{name}: {value!r} m is out of bounds: it must be at most {scenario.arena_side:g} m in size"
-            )
-    loitering = LoiteringParams.of(check_point(params), target)
-    # A flight asks its parameters for the 12 by their names, and its loop for their type, which chooses the policy.
-    flock = Flock(cast("FlockingParams", loitering), scenario, dynamics, seed)
+    flock = Flock(with_target(params, target, scenario.arena_side), scenario, dynamics, seed)
     flight = fly_on(flock, log=log, progress=progress)
     samples = cast("Samples", flight.samples)
     distance = target_distance(samples.position, target)

@@ -18,7 +18,7 @@ from moflock_mj.errors import LogError
 from moflock_mj.flight import Flight, Progress, final_fitness, fly_on, sample_times
 from moflock_mj.flight_log import run_metadata
 from moflock_mj.flock import Flock
-from moflock_mj.log_reader import LoggedFlight, read_log
+from moflock_mj.log_reader import LoggedFlight
 from moflock_mj.log_schemas import RESUMED_AT, RESUMED_FROM, state_digests
 from moflock_mj.loop import Record
 from moflock_mj.points import check_point
@@ -94,19 +94,17 @@ class Verification:
         return self.difference is None
 
 
-def verify(path: str | Path, progress: Progress | None = None) -> Verification:
+def verify(logged: LoggedFlight, progress: Progress | None = None) -> Verification:
     """Fly a log's flight again, as far as the log goes, and compare every sample's digest, points and figures.
 
     Args:
-        path: a finished log.
+        logged: a flight as it was read.
         progress: told the simulated time and the running fitness.
 
     Raises:
-        LogError: the log cannot be read.
-        MoflockError: its flight cannot be flown here.
+        MoflockError: the flight cannot be flown here.
     """
     began = time.perf_counter()
-    logged = read_log(path)
     flock = _flock_at_start(logged)
     start, changes = flock.time, _changes(logged, flock)
     difference, last = None, float(logged.samples.t[-1])
@@ -130,7 +128,7 @@ def verify(path: str | Path, progress: Progress | None = None) -> Verification:
 
 
 def resume(
-    path: str | Path,
+    logged: LoggedFlight,
     at: float,
     *,
     params: FlockingParams | None = None,
@@ -146,9 +144,10 @@ def resume(
     parameters go on from those of the original flight.
 
     Args:
-        path: a finished log.
+        logged: a flight as it was read.
         at: s, simulated.
-        params: other parameters to fly on with; the flock is judged by the distances that belong to them.
+        params: other parameters to fly on with, to the same target if there is one; the flock is judged by the
+            distances that belong to them.
         duration: s, how long to fly on; to the end of the log's scenario if absent.
         log: an MCAP file to be written, or None.
         keep_samples: whether the flight keeps its samples.
@@ -156,15 +155,14 @@ def resume(
         stop: asked now and then; the flight ends, with a finished log, when it says True.
 
     Raises:
-        LogError: the log cannot be read, or has no state to fly on from.
+        LogError: the log has no state to fly on from.
         MoflockError: what was asked for cannot be flown.
     """
-    logged = read_log(path)
     if log is not None and Path(log).resolve() == logged.log.resolve():
         raise LogError(f"log: {log}: is the log that the flight is resumed from; it must be another file")
     state_time = _state_before(logged, at)
     flock = Flock(
-        logged.params if params is None else check_point(params),
+        logged.params if params is None else logged.params._replace(**check_point(params)._asdict()),
         _prolonged(logged.scenario, state_time, duration),
         logged.dynamics,
         logged.seed,

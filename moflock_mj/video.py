@@ -17,14 +17,19 @@ from moflock_mj.cameras import CAMERAS
 from moflock_mj.captions import flight_names
 from moflock_mj.errors import RenderError
 from moflock_mj.flight import AnyFlight
+from moflock_mj.gl import environment_with, find_gl
 from moflock_mj.new_file import new_file
 from moflock_mj.playback import Playback, playback_of
 from moflock_mj.video_worker import Shots
 
+SMALLEST = 480, 270
+"""Width and height, pixels, of the smallest video whose words can be read and do not cover each other."""
+
+_LARGEST = 8192
+"""Pixels of the longest side."""
+
 _WATCHABLE = 60.0
 """Longest video, s, unless the user chooses the speed."""
-
-_PROBE = "import mujoco; mujoco.GLContext(16, 16).make_current()"
 
 
 def render_video(
@@ -75,22 +80,6 @@ def render_video(
                 progress(number / len(times))
 
 
-def find_gl() -> str:
-    """The way to render without a screen that works here: what MUJOCO_GL says, else egl, else osmesa.
-
-    Raises:
-        RenderError: none does.
-    """
-    asked = os.environ.get("MUJOCO_GL")
-    ways = (asked,) if asked else ("egl", "osmesa")
-    for way in ways:
-        command, environment = [sys.executable, "-c", _PROBE], {**os.environ, "MUJOCO_GL": way}
-        probe = subprocess.run(command, env=environment, capture_output=True, check=False)
-        if probe.returncode == 0:
-            return way
-    raise RenderError(f"video: no GL: {' and '.join(ways)} failed; on Debian: apt-get install libegl1 libosmesa6")
-
-
 def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) -> None:
     if camera not in CAMERAS:
         raise RenderError(f"camera: {camera!r} is unknown; there are {', '.join(CAMERAS)}")
@@ -98,9 +87,11 @@ def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) ->
         raise RenderError(f"fps: {fps} is out of bounds: it must be at least 1 and at most 240")
     if speed is not None and not 0.01 <= speed <= 1e4:
         raise RenderError(f"speed: {speed:g} is out of bounds: it must be at least 0.01 and at most 10000")
-    if any(side % 2 or not 64 <= side <= 8192 for side in size):
+    (width, height), (least_wide, least_high) = size, SMALLEST
+    if width % 2 or height % 2 or not (least_wide <= width <= _LARGEST and least_high <= height <= _LARGEST):
         raise RenderError(
-            f"size: {size[0]}x{size[1]} is out of bounds: each must be even, at least 64 and at most 8192"
+            f"size: {width}x{height} is out of bounds: it must be even numbers, at least {least_wide}x{least_high} "
+            f"and at most {_LARGEST}x{_LARGEST}"
         )
 
 
@@ -137,7 +128,7 @@ def _start_worker(folder: Path, number: int, way: str) -> subprocess.Popen[bytes
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=words,
-            env={**os.environ, "MUJOCO_GL": way, "PYTHONPATH": path},
+            env={**environment_with(way), "PYTHONPATH": path},
             start_new_session=True,
         )
 

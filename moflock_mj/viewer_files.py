@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
+import io
 import os
 import subprocess
 import sys
 import tempfile
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -18,6 +21,10 @@ from moflock_mj.rerun_blueprint import APPLICATION
 
 _PATIENCE = 600
 """Seconds that Rerun has to convert a log; it takes 2 for 600 s of 30 drones."""
+
+
+_LARGEST_BLUEPRINT = 1 << 24
+"""Bytes; ours has 200 thousand."""
 
 
 def export_layouts(log: LoggedFlight | str | os.PathLike[str], folder: str | os.PathLike[str]) -> list[Path]:
@@ -42,18 +49,18 @@ def export_layouts(log: LoggedFlight | str | os.PathLike[str], folder: str | os.
     if missing:
         raise RenderError(f"layouts: {flight.log} has no attachment {missing[0]}; another release has written it")
     layout, blueprint = Path(folder) / LAYOUT_NAME, Path(folder) / BLUEPRINT_NAME.removesuffix(".gz")
-    with new_file(layout) as place:
-        place.write_bytes(flight.attachments[LAYOUT_NAME])
-    with new_file(blueprint) as place:
-        place.write_bytes(_unpacked(flight.attachments[BLUEPRINT_NAME]))
-    if flight.log is None or not find_spec("rerun_cli"):
-        return [layout, blueprint]
-    recording = Path(folder) / f"{Path(flight.log).stem}.rrd"
-    with new_file(recording) as place, tempfile.TemporaryDirectory() as scratch:
-        bare = Path(scratch) / "bare.rrd"
-        _rerun("mcap", "convert", str(flight.log), "--application-id", APPLICATION, "-o", str(bare))
-        _rerun("rrd", "merge", str(bare), str(blueprint), "-o", str(place))
-    return [layout, blueprint, recording]
+    written = [layout, blueprint]
+    with contextlib.ExitStack() as places:  # all of them appear, or none
+        layout_place, blueprint_place = (places.enter_context(new_file(path)) for path in written)
+        layout_place.write_bytes(flight.attachments[LAYOUT_NAME])
+        blueprint_place.write_bytes(_unpacked(flight.attachments[BLUEPRINT_NAME]))
+        if find_spec("rerun_cli"):
+            written.append(Path(folder) / f"{flight.log.stem}.rrd")
+            recording = places.enter_context(new_file(written[-1]))
+            bare = Path(places.enter_context(tempfile.TemporaryDirectory())) / "bare.rrd"
+            _rerun("mcap", "convert", str(flight.log), "--application-id", APPLICATION, "-o", str(bare))
+            _rerun("rrd", "merge", str(bare), str(blueprint_place), "-o", str(recording))
+    return written
 
 
 def _rerun(*arguments: str) -> None:
@@ -66,7 +73,12 @@ def _rerun(*arguments: str) -> None:
 
 
 def _unpacked(data: bytes) -> bytes:
+    """A gzip file's content, if it is as small as a blueprint is."""
     try:
-        return gzip.decompress(data)
-    except (OSError, EOFError) as problem:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            content = file.read(_LARGEST_BLUEPRINT + 1)
+    except (OSError, EOFError, zlib.error) as problem:
         raise RenderError(f"layouts: attachment {BLUEPRINT_NAME}: {problem}") from problem
+    if len(content) > _LARGEST_BLUEPRINT:
+        raise RenderError(f"layouts: attachment {BLUEPRINT_NAME}: it must unpack to at most {_LARGEST_BLUEPRINT} bytes")
+    return content

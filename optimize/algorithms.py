@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moflock_mj.errors import SearchError
+from optimize.regression import Belief
 
 DIMENSIONS = 12
 
@@ -21,11 +22,22 @@ Judge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Gives the objectives (n, K), to be maximised, of points (n, 12) that have flown, as they are judged by now."""
 
 
+Foresee = Callable[[NDArray[np.float64]], Belief | None]
+"""Gives what is to be expected of points (n, 12) that have not flown; None while nothing can be."""
+
+_HOPE = 1.0
+"""Standard deviations by which a point that was bred may be better than expected when it is compared with others."""
+
+
 class Algorithm(Protocol):
     """Breeds points."""
 
-    def ask(self) -> NDArray[np.float64]:
-        """New points (n, 12), in the unit cube unless it is unbounded."""
+    def ask(self, foresee: Foresee) -> NDArray[np.float64]:
+        """New points (n, 12), in the unit cube unless it is unbounded.
+
+        Args:
+            foresee: of points that it might ask for; may be used.
+        """
         ...
 
     def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
@@ -42,7 +54,9 @@ class Algorithm(Protocol):
         ...
 
 
-def make_algorithm(name: str, objectives: int, population: int, seed: int, *, unbounded: bool = False) -> Algorithm:
+def make_algorithm(
+    name: str, objectives: int, population: int, seed: int, *, brood: int = 1, unbounded: bool = False
+) -> Algorithm:
     """The algorithm of a name, of ALGORITHMS.
 
     Args:
@@ -50,47 +64,56 @@ def make_algorithm(name: str, objectives: int, population: int, seed: int, *, un
         objectives: K.
         population: points per generation.
         seed: of its random numbers.
+        brood: points that genetic algorithms breed for one that flies.
         unbounded: whether it may leave the cube.
     """
     if name == "cmaes":
         return CovarianceAdaptation(population, seed, unbounded=unbounded)
     if name == "pso":
         return Swarm(objectives, population, seed)
-    return Evolution(name, objectives, population, seed)
+    return Evolution(name, objectives, population, seed, brood)
 
 
 class Evolution:
     """pymoo's genetic algorithms, with SBX (0.9, 15) and polynomial mutation (20).
 
     Args:
-        name: "nsga2" (Deb et al. 2002) or "smsemoa" (Beume, Naujoks and Emmerich 2007).
+        name: "nsga2" (Deb et al. 2002) or "unsga3" (Seada and Deb 2016).
         objectives: K.
-        population: points that survive, and that are bred, in a generation.
+        population: points that survive, and that are flown, in a generation.
         seed: of its random numbers.
+        brood: points that are bred for one that flies.
     """
 
-    def __init__(self, name: str, objectives: int, population: int, seed: int) -> None:
+    def __init__(self, name: str, objectives: int, population: int, seed: int, brood: int) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - pymoo takes a second to load
-        from pymoo.algorithms.moo.sms import SMSEMOA  # noqa: PLC0415
+        from pymoo.algorithms.moo.unsga3 import UNSGA3  # noqa: PLC0415
         from pymoo.operators.crossover.sbx import SBX  # noqa: PLC0415
         from pymoo.operators.mutation.pm import PM  # noqa: PLC0415
 
-        kinds = {"nsga2": NSGA2, "smsemoa": SMSEMOA}
+        kinds = {"nsga2": NSGA2, "unsga3": UNSGA3}
+        more = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
         self._algorithm = kinds[name](
             pop_size=population,
+            n_offsprings=brood * population,
             crossover=SBX(prob=0.9, eta=15),
             mutation=PM(eta=20),
             termination=_never(),
             seed=seed,
+            **more,
         )
         self._algorithm.setup(_cube(objectives))
+        self._population = population
         self._bred: Any = None
 
-    def ask(self) -> NDArray[np.float64]:
-        """See `Algorithm`."""
-        self._bred = self._algorithm.ask()
-        if self._bred is None:
+    def ask(self, foresee: Foresee) -> NDArray[np.float64]:
+        """See `Algorithm`. Of a brood that is larger than the population, the most promising points are flown."""
+        bred = self._algorithm.ask()
+        if bred is None:
             raise SearchError("algorithm: it has no new points to offer; the bounds are too narrow")
+        expected = foresee(bred.get("X")) if len(bred) > self._population else None
+        chosen = _promising(expected, self._population) if expected else np.arange(min(len(bred), self._population))
+        self._bred = bred[chosen]
         return np.array(self._bred.get("X"), np.float64)
 
     def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
@@ -129,7 +152,7 @@ class Swarm:
         self._algorithm.setup(_cube(objectives))
         self._flown: Any = None
 
-    def ask(self) -> NDArray[np.float64]:
+    def ask(self, foresee: Foresee) -> NDArray[np.float64]:  # noqa: ARG002
         """See `Algorithm`."""
         self._flown = self._algorithm.ask()
         return np.array(self._flown.get("X"), np.float64)
@@ -174,7 +197,7 @@ class CovarianceAdaptation:
         self._strategy = cma.CMAEvolutionStrategy(np.full(DIMENSIONS, 0.5), 0.3, options)
         self._points: list[NDArray[np.float64]] = []
 
-    def ask(self) -> NDArray[np.float64]:
+    def ask(self, foresee: Foresee) -> NDArray[np.float64]:  # noqa: ARG002
         """See `Algorithm`."""
         self._points = self._strategy.ask()
         return np.array(self._points)
@@ -186,6 +209,28 @@ class CovarianceAdaptation:
     def favourites(self) -> NDArray[np.float64]:
         """The middle of its distribution, which it never flies itself."""
         return np.array([self._strategy.result.xfavorite], np.float64)
+
+
+def _promising(expected: Belief, count: int) -> NDArray[np.int64]:
+    """Numbers of the `count` points that may turn out best, front by front, the last of which by crowding."""
+    from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance  # noqa: PLC0415
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting  # noqa: PLC0415
+
+    hoped = expected.mean + _HOPE * expected.deviation
+    chosen: list[int] = []
+    for front in NonDominatedSorting().do(-hoped, n_stop_if_ranked=count):
+        apart = front[np.argsort(-calc_crowding_distance(-hoped[front]), kind="stable")]
+        chosen.extend(apart[: count - len(chosen)].tolist())
+    return np.array(chosen)
+
+
+def _even_directions(objectives: int, count: int) -> NDArray[np.float64]:
+    """`count` directions (count, K) that cover the front evenly: a grid for two objectives, else by Riesz's energy."""
+    from pymoo.util.ref_dirs import get_reference_directions  # noqa: PLC0415
+
+    if objectives == 2:
+        return np.asarray(get_reference_directions("das-dennis", 2, n_partitions=count - 1))
+    return np.asarray(get_reference_directions("energy", objectives, count, seed=1))
 
 
 def _cube(objectives: int) -> Any:

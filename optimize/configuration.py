@@ -15,7 +15,7 @@ from optimize.bounds import Bounds, bounds_of, paper_bounds
 from optimize.evaluation import Job
 from optimize.objectives import PAPER, Objectives
 
-ALGORITHMS = ("nsga2", "smsemoa", "cmaes", "pso")
+ALGORITHMS = ("nsga2", "unsga3", "cmaes", "pso")
 SINGLE_OBJECTIVE = ("cmaes", "pso")
 """The algorithms that maximise the product of all objectives."""
 

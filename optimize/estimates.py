@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from controllers.flocking import FlockingParams
 from optimize.evaluation import Evaluation
 from optimize.objectives import Objectives
-from optimize.smoothing import smooth
+from optimize.regression import Flights, Regression
 
 CAUTION = 1.0
 """Standard errors that are taken off a mean before points are compared: one lucky flight makes no front."""
@@ -22,7 +22,7 @@ class Estimate(NamedTuple):
 
     Attributes:
         params: the point.
-        mean: (K,), what is believed of its mean objectives; see `smoothing`. Where no point flew twice, so that
+        mean: (K,), what is believed of its mean objectives; see `regression`. Where no point flew twice, so that
             nothing is known of the noise, the mean over its own flights.
         std_error: (K,), standard deviation of that belief.
         flights: how many it flew.
@@ -41,14 +41,16 @@ def estimates(evaluations: Iterable[Evaluation], objectives: Objectives) -> list
         flights.setdefault(evaluation.params, []).extend(objectives.of_columns(evaluation.fitness))
     if not flights:
         return []
-    count = np.array([len(rows) for rows in flights.values()], np.float64)
-    total = np.array([np.sum(rows, axis=0) for rows in flights.values()])
-    squares = np.array([np.sum(np.square(rows), axis=0) for rows in flights.values()])
-    variance = flight_variance(count, total, squares)
-    believed = smooth(np.array(list(flights)), count, total / count[:, None], variance, deviation=True)
+    flown = Flights(
+        points=np.array(list(flights)),
+        number=np.array([len(rows) for rows in flights.values()], np.float64),
+        total=np.array([np.sum(rows, axis=0) for rows in flights.values()]),
+        squares=np.array([np.sum(np.square(rows), axis=0) for rows in flights.values()]),
+    )
+    believed = Regression(flown).belief()
     return [
         Estimate(params, mean, error, int(number))
-        for params, mean, error, number in zip(flights, believed.mean, believed.deviation, count, strict=True)
+        for params, mean, error, number in zip(flights, believed.mean, believed.deviation, flown.number, strict=True)
     ]
 
 
@@ -69,21 +71,6 @@ def estimated_front(
     chosen = non_dominated([estimate.mean - CAUTION * estimate.std_error for estimate in compared])
     shown = estimates(evaluations, objectives)
     return [estimate for estimate, is_chosen in zip(shown, chosen, strict=True) if is_chosen]
-
-
-def flight_variance(
-    count: NDArray[np.float64], total: NDArray[np.float64], squares: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Variance (K,) of one flight about the mean of its point, over all points that flew more than once; 0 if none did.
-
-    Args:
-        count: (n,), flights of each point.
-        total: (n, K), sums of their objectives.
-        squares: (n, K), sums of the objectives' squares.
-    """
-    freedom = float(np.sum(count - 1))
-    scatter = np.maximum(squares - total**2 / count[:, None], 0.0).sum(axis=0)
-    return np.asarray(scatter / freedom if freedom else np.zeros(total.shape[1]))
 
 
 def non_dominated(values: ArrayLike) -> NDArray[np.bool_]:

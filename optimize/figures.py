@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
+from moflock_mj.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, STYLE
 from moflock_mj.new_file import new_file
 from optimize.bounds import Bounds
 from optimize.front import FlownFront
@@ -23,26 +24,6 @@ from optimize.pca import PrincipalComponents
 from optimize.reference import PAPER_RESULTS
 
 DOTS_PER_INCH = 130
-
-# Of Okabe and Ito's colours, which stay apart for every kind of colour blindness, those that are not faint on paper.
-BLACK, ORANGE, GREEN, BLUE, RED, PINK = "#222222", "#e69f00", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
-GREY = "#8a8a8a"
-
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "font.family": "DejaVu Sans",
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-}
 
 UNITS = ("m", "1/s", "m", "m/s²", "1/s", "m/s", "", "m", "m/s", "m/s²", "1/s", "")
 """Of the 12 parameters."""

@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from moflock_mj.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED
 from moflock_mj.flight import Flight, Samples
 from moflock_mj.picture import feasible_maxima
 from moflock_mj.target import TRANSIENT, TargetResult
-from optimize.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, new_figure
+from optimize.figures import new_figure
 
 
 class _Curve(NamedTuple):

@@ -3,7 +3,8 @@
 A flight's objectives depend on its seed: the spread over seeds is as large as the differences between good points. The
 best of many single flights is then mostly lucky. So each generation flies on seeds of its own, common to all of its
 points; the leaders so far fly with it again, which makes their means surer; a point is judged by its own flights and
-by those of its neighbours (`smoothing`); and the last flights go to the leaders alone.
+by those of its neighbours (`regression`), which also tells, of many points that were bred, those worth flying; and the
+last flights go to the leaders alone.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.algorithms import DIMENSIONS, Algorithm
-from optimize.estimates import flight_variance, hypervolume
-from optimize.smoothing import smooth
+from optimize.estimates import hypervolume
+from optimize.regression import Belief, Flights, Regression
 
 
 class Trials(NamedTuple):
@@ -39,18 +40,20 @@ class NoisePolicy:
         fresh: whether each generation has seeds of its own.
         leaders: how many of the best points fly again in each generation.
         finals: share of the flights that is kept for the leaders at the end.
+        brood: points that are bred for one that flies, the most promising.
     """
 
     fresh: bool
     leaders: int
     finals: float
+    brood: int
 
 
 def noise_policy(name: str, population: int) -> NoisePolicy:
     """The policy of a name: "fixed" or "refly"."""
     if name == "fixed":
-        return NoisePolicy(fresh=False, leaders=0, finals=0.0)
-    return NoisePolicy(fresh=True, leaders=population // 2, finals=0.15)
+        return NoisePolicy(fresh=False, leaders=0, finals=0.0, brood=1)
+    return NoisePolicy(fresh=True, leaders=population // 5, finals=0.15, brood=10)
 
 
 class Plan:
@@ -94,7 +97,7 @@ class Plan:
             self._seeds = _draw_seeds(self._rng, len(self._seeds))
         leaders = self._memory.leaders(self._policy.leaders)
         if self._breeding and self._affordable(self._left - self._kept) >= self._population + len(leaders):
-            points = np.concatenate([self._algorithm.ask(), leaders])
+            points = np.concatenate([self._algorithm.ask(self._memory.foresee), leaders])
         else:
             self._breeding = False
             points = self._finalists(leaders)
@@ -144,26 +147,30 @@ class Memory:
 
     def __init__(self, objectives: int) -> None:
         self._row: dict[bytes, int] = {}
-        self._points = np.empty((0, DIMENSIONS))
-        self._count = np.empty(0)
-        self._sum = np.empty((0, objectives))
-        self._squares = np.empty((0, objectives))
+        none = np.empty((0, objectives))
+        self._flights = Flights(np.empty((0, DIMENSIONS)), np.empty(0), none, none)
+        self._regression: Regression | None = None
         self.believed = np.empty((0, objectives))
 
     def add(self, points: NDArray[np.float64], values: NDArray[np.float64]) -> None:
         """Remember flights: points (n, 12) and their values (n, S, K)."""
         new = self.unknown(points)
         self._row.update((point.tobytes(), len(self._row)) for point in new)
-        self._points = np.concatenate([self._points, new])
         room = np.zeros((len(new), values.shape[2]))
-        self._count = np.concatenate([self._count, np.zeros(len(new))])
-        self._sum, self._squares = np.concatenate([self._sum, room]), np.concatenate([self._squares, room])
+        added = Flights(new, np.zeros(len(new)), room, room)
+        self._flights = Flights(*(np.concatenate(pair) for pair in zip(self._flights, added, strict=True)))
         rows = self._rows(points)
-        np.add.at(self._count, rows, values.shape[1])
-        np.add.at(self._sum, rows, values.sum(axis=1))
-        np.add.at(self._squares, rows, (values**2).sum(axis=1))
-        variance = flight_variance(self._count, self._sum, self._squares)
-        self.believed = smooth(self._points, self._count, self._sum / self._count[:, None], variance).mean
+        np.add.at(self._flights.number, rows, values.shape[1])
+        np.add.at(self._flights.total, rows, values.sum(axis=1))
+        np.add.at(self._flights.squares, rows, (values**2).sum(axis=1))
+        self._regression = Regression(self._flights, self._regression)
+        self.believed = self._regression.mean()
+
+    def foresee(self, points: NDArray[np.float64]) -> Belief | None:
+        """What is to be expected of points (m, 12) that have not flown; None while nothing is known of the noise."""
+        if self._regression is None or not self._regression.noisy:
+            return None
+        return self._regression.foresee(points)
 
     def unknown(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Those of the points (n, 12) that have not flown, each once."""
@@ -178,14 +185,14 @@ class Memory:
         """The best `count` points: by non-dominated fronts of what is believed, and those that flew least first."""
         from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting  # noqa: PLC0415
 
-        count = min(count, len(self._points))
+        count = min(count, len(self._row))
         if not count:
             return np.empty((0, DIMENSIONS))
         chosen: list[int] = []
         for front in NonDominatedSorting().do(-self.believed, n_stop_if_ranked=count):
-            least_flown = front[np.argsort(self._count[front], kind="stable")]
+            least_flown = front[np.argsort(self._flights.number[front], kind="stable")]
             chosen.extend(least_flown[: count - len(chosen)].tolist())
-        return self._points[chosen]
+        return self._flights.points[chosen]
 
     def _rows(self, points: NDArray[np.float64]) -> list[int]:
         return [self._row[point.tobytes()] for point in points]

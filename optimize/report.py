@@ -11,13 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from controllers.flocking import FlockingParams
+from moflock_mj.figure_style import BLACK, GREEN, ORANGE, PINK, RED
 from moflock_mj.new_file import new_file
 from optimize.figures import (
-    BLACK,
-    GREEN,
-    ORANGE,
-    PINK,
-    RED,
     UNITS,
     Landmark,
     components_figure,

@@ -116,15 +116,17 @@ def make_plan(configuration: Configuration) -> Plan:
     settings = configuration.settings
     flight_seeds, algorithm_seed = np.random.SeedSequence(settings.seed).spawn(2)
     objectives = len(configuration.maximised.names)
+    policy = noise_policy(settings.noise, settings.population)
     return Plan(
         make_algorithm(
             settings.algorithm,
             objectives,
             settings.population,
             int(algorithm_seed.generate_state(1)[0]),
+            brood=policy.brood,
             unbounded=settings.unbounded,
         ),
-        noise_policy(settings.noise, settings.population),
+        policy,
         population=settings.population,
         objectives=objectives,
         seeds=settings.seeds,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from optimize.configuration import Configuration
+from optimize.front import FlownFront
 from optimize.search import Progress as Told
 from optimize.search import SearchProgress, SearchResult
 
@@ -60,12 +60,27 @@ def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str
     return "  ".join(parts)
 
 
-def print_search(result: SearchResult, configuration: Configuration, path: Path, *, as_json: bool) -> None:
-    """Print what a search found to stdout."""
-    if as_json:
-        print(json.dumps(search_summary(result, configuration, path), indent=1))
-        return
+def print_search(result: SearchResult, configuration: Configuration, path: Path, front: FlownFront | None) -> None:
+    """Print what a search found to stdout: its front as flown on fresh seeds, or, without it, as the search sees it."""
     console = Console()
+    console.print(_flown_table(front) if front else _candidates_table(result, configuration))
+    for line in [*_closing_lines(result, configuration, path), *(_front_lines(front, path) if front else [])]:
+        console.print(line, highlight=False, soft_wrap=True)
+
+
+def _flown_table(front: FlownFront) -> Table:
+    """The points that remain, with their means and 95 % confidence intervals."""
+    table = Table("point", *front.objectives.names, "flights that failed", title=f"on {len(front.seeds)} fresh seeds")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for number in front.remaining:
+        pairs = zip(front.mean[number], front.half_width[number], strict=True)
+        name = f"{number}, knee" if number == front.knee else str(number)
+        table.add_row(name, *(f"{mean:.3f} +- {half:.3f}" for mean, half in pairs), str(front.failed[number]))
+    return table
+
+
+def _candidates_table(result: SearchResult, configuration: Configuration) -> Table:
     names = configuration.objectives.names
     table = Table("candidate", *names, *(f"+- {name}" for name in names), "flights")
     for column in table.columns[1:]:
@@ -73,9 +88,36 @@ def print_search(result: SearchResult, configuration: Configuration, path: Path,
     for number, estimate in enumerate(sorted(result.front, key=lambda estimate: estimate.mean[0])):
         figures = (*estimate.mean, *estimate.std_error)
         table.add_row(str(number + 1), *(f"{figure:.3f}" for figure in figures), str(estimate.flights))
-    console.print(table)
-    for line in _closing_lines(result, configuration, path):
-        console.print(line, highlight=False, soft_wrap=True)
+    return table
+
+
+def _front_lines(front: FlownFront, path: Path) -> list[str]:
+    return [
+        f"hypervolume on {len(front.seeds)} fresh seeds {front.hypervolume:.3f}; "
+        f"{len(front.remaining)} of {len(front.points)} points remain",
+        f"knee: {objectives_line(front, front.knee)}",
+        f"next: moflock pick {path} --out point.json; moflock report {path}",
+    ]
+
+
+def objectives_line(front: FlownFront, number: int) -> str:
+    """The objectives of a point of the front, mean and standard deviation from flight to flight."""
+    triples = zip(front.objectives.names, front.mean[number], front.deviation[number], strict=True)
+    return ", ".join(f"{name} {mean:.3f} +- {spread:.3f}" for name, mean, spread in triples)
+
+
+def front_summary(front: FlownFront) -> dict[str, Any]:
+    """A front as flown on fresh seeds, as JSON values."""
+    return {
+        "hypervolume": front.hypervolume,
+        "seeds": len(front.seeds),
+        "objectives": list(front.objectives.names),
+        "knee": front.knee,
+        "remaining": front.remaining.tolist(),
+        "points": front.points[front.remaining].tolist(),
+        "mean": front.mean[front.remaining].tolist(),
+        "half_width_95": front.half_width[front.remaining].tolist(),
+    }
 
 
 def search_summary(result: SearchResult, configuration: Configuration, path: Path) -> dict[str, Any]:

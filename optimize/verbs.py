@@ -1,12 +1,12 @@
-"""What the commands `moflock pca`, `pick`, `report` and `target` do, from their arguments to what they print."""
+"""What the commands of `commands` do, from their arguments to what they print."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -16,9 +16,10 @@ from moflock_mj.new_file import new_file
 from moflock_mj.points import load_point
 from moflock_mj.scenario import Scenario
 from moflock_mj.target import track_target
+from moflock_mj.terminal import INTERRUPTED, stop_on_interrupt
 from optimize.archive import RunDirectory
 from optimize.bounds import Bounds
-from optimize.configuration import search_scenario
+from optimize.configuration import Configuration, search_scenario
 from optimize.evaluation import Job
 from optimize.executor import make_executor
 from optimize.figures import components_figure, save
@@ -30,6 +31,8 @@ from optimize.objectives import Objectives
 from optimize.pca import Agreement, PrincipalComponents, agreement, components_json, grouped_by_sign, study
 from optimize.reference import FIRST_COMPONENT
 from optimize.report import write_report
+from optimize.search import search
+from optimize.terminal import front_summary, objectives_line, print_search, search_progress, search_summary
 
 
 @contextlib.contextmanager
@@ -86,6 +89,51 @@ def pca(
     return 0
 
 
+def optimize(
+    path: Path,
+    configuration: Configuration | None,
+    *,
+    workers: int,
+    scheduler: str | None,
+    seeds: int = SEEDS,
+    as_json: bool,
+) -> int:
+    """Search, then fly the front again on fresh seeds; Ctrl-C ends it so that it can be resumed.
+
+    Args:
+        path: the run directory: a new one, or with no configuration one that is resumed.
+        configuration: of a new search.
+        workers: local processes.
+        scheduler: address of a Dask scheduler that has the workers instead.
+        seeds: fresh seeds for the front; 0 for none.
+        as_json: whether to print JSON.
+
+    Raises:
+        MoflockError: what was asked for cannot be searched, or written.
+    """
+    with contextlib.ExitStack() as resources:
+        if configuration is None:
+            run = resources.enter_context(RunDirectory.open(path))
+            executor = resources.enter_context(make_executor(run.configuration.job, workers, scheduler))
+        else:  # workers first: a search that nobody can fly leaves no directory
+            executor = resources.enter_context(make_executor(configuration.job, workers, scheduler))
+            run = resources.enter_context(RunDirectory.create(path, configuration))
+        if run.damaged and not as_json:
+            print(f"{run.damaged} evaluations of the archive are damaged, and are flown again", file=sys.stderr)
+        with search_progress(run.configuration) as progress, stop_on_interrupt() as interrupted:
+            result = search(run, executor, progress, interrupted)
+        front = None
+        if result.complete and seeds:
+            with flights_progress("front on fresh seeds") as told:
+                front = flown_front(run, executor, seeds, told)
+    summary = search_summary(result, run.configuration, path)
+    if as_json:
+        print(json.dumps(summary | {"flown_front": front_summary(front) if front else None}, indent=1))
+    else:
+        print_search(result, run.configuration, path, front)
+    return 0 if result.complete else INTERRUPTED
+
+
 def pick(
     run: Path,
     *,
@@ -112,7 +160,7 @@ def pick(
         with new_file(out) as place:
             place.write_text(text, encoding="utf-8")
         if not as_json:
-            print(f"{rule}: {_objectives_line(front, number)}; {out}")
+            print(f"{rule}: {objectives_line(front, number)}; {out}")
     return 0
 
 
@@ -140,10 +188,10 @@ def report(
     page = write_report(found, out or run / "report")
     front = found.front
     if as_json:
-        print(json.dumps(_front_summary(front) | {"page": str(page)}, indent=1))
+        print(json.dumps(front_summary(front) | {"page": str(page)}, indent=1))
     else:
         print(f"hypervolume on {len(front.seeds)} fresh seeds {front.hypervolume:.3f}; {len(front.remaining)} points")
-        print(f"knee: {_objectives_line(front, front.knee)}")
+        print(f"knee: {objectives_line(front, front.knee)}")
         print(f"report: {page}")
     return 0
 
@@ -208,20 +256,3 @@ def _print_components(found: PrincipalComponents, objectives: Objectives, near: 
         f"beside the paper's: cosine {near.cosine:.3f}, {signs}, covariance differs by {near.covariance_error:.3f}",
         highlight=False,
     )
-
-
-def _objectives_line(front: FlownFront, number: int) -> str:
-    triples = zip(front.objectives.names, front.mean[number], front.deviation[number], strict=True)
-    return ", ".join(f"{name} {mean:.3f} +- {spread:.3f}" for name, mean, spread in triples)
-
-
-def _front_summary(front: FlownFront) -> dict[str, Any]:
-    return {
-        "hypervolume": front.hypervolume,
-        "seeds": len(front.seeds),
-        "objectives": list(front.objectives.names),
-        "knee": front.knee,
-        "points": front.points[front.remaining].tolist(),
-        "mean": front.mean[front.remaining].tolist(),
-        "half_width_95": front.half_width[front.remaining].tolist(),
-    }

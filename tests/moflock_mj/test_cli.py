@@ -100,7 +100,8 @@ def test_an_airframe_too_weak_for_a_max_is_refused(tmp_path):
     assert re.search(r"a_max: 30 m/s\^2 .* x500.* at most", done.stderr)
 
 
-def test_ctrl_c_ends_the_flight_cleanly(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_flight_cleanly(tmp_path, number):
     flight = subprocess.Popen(
         [MOFLOCK, "fly", "--duration", "100000", "--drones", "5", "--log", "x.mcap"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
@@ -109,7 +110,7 @@ def test_ctrl_c_ends_the_flight_cleanly(tmp_path):
     while not (tmp_path / "x.mcap.part").exists() and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(1.0)
-    flight.send_signal(signal.SIGINT)
+    flight.send_signal(number)
     stdout, stderr = flight.communicate(timeout=200)
     assert flight.returncode == 130
     assert re.search(r"interrupted at \d+ s of 100000 s", stdout), stdout + stderr

@@ -108,6 +108,20 @@ def test_a_log_of_another_release_has_no_layout(log: Path, tmp_path: Path, monke
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "content",
+    [gzip.compress(bytes(1 << 25)), b"no gzip", gzip.compress(b"cut off")[:-9], gzip.compress(b"x" * 99)[:12]],
+)
+def test_a_hostile_blueprint_is_refused(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
+) -> None:
+    flight = read_log(log)
+    monkeypatch.setitem(flight.attachments, "blueprint.rbl.gz", content)  # type: ignore[arg-type]
+    with pytest.raises(RenderError, match=r"attachment blueprint\.rbl\.gz: "):
+        export_layouts(flight, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def panels_in(layout: Any) -> list[str]:
     return [layout] if isinstance(layout, str) else panels_in(layout["first"]) + panels_in(layout["second"])
 

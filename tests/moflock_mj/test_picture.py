@@ -62,7 +62,7 @@ def test_curves_are_the_running_order_parameters_over_their_maxima(flight: Fligh
 def test_two_flights_have_a_map_each_and_their_own_colours(flight: Flight, tmp_path: Path) -> None:
     figure = flight_figure([flight, flown("B")])
     titles = {axes.get_title(loc="left"): axes._left_title.get_color() for axes in figure.axes}
-    maps = {title: colour for title, colour in titles.items() if title.endswith("Ways from above")}
+    maps = {title: colour for title, colour in titles.items() if title.endswith("Trajectories from above")}
     assert len(maps) == len(set(maps.values())) == 2
     draw_picture([flight, flown("B")], tmp_path / "ab.png")
 

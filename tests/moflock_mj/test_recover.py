@@ -146,7 +146,7 @@ def test_a_damaged_second_is_left_out_and_told(small, original, tmp_path, capsys
     logged = read_log(recovery.log)
     assert logged.missing == 1.0
     assert logged.attachments == original.attachments
-    verification = verify(recovery.log)
+    verification = verify(read_log(recovery.log))
     assert verification.identical
     assert verification.ticks == 111
     for as_json in (False, True):
@@ -206,7 +206,7 @@ def test_a_killed_flight_loses_at_most_its_last_second(tmp_path, moment):
     assert recovery.lost == 0
     assert not recovery.end_known
     assert read_log(log).attachments.keys() >= {"flock.xml", RUN_COPY}
-    assert verify(log).identical
+    assert verify(read_log(log)).identical
 
 
 def test_files_without_a_flight_are_refused(tmp_path):

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import stat
+import subprocess
+import time
 
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point
-from tests.moflock_mj.test_cli import run
+from tests.moflock_mj.test_cli import MOFLOCK, run
+from tests.moflock_mj.test_video import needs_gl
 
 SCENARIO = Scenario(drones=4, duration=12.0, arena_side=100.0)
 
@@ -63,6 +69,9 @@ def test_a_broken_log_is_recovered(log, tmp_path):
         (("LOG", "--picture", "/proc/none/x.png"), "/proc/none"),
         (("LOG", "LOG", "--csv", "x.csv"), "csv: 2 logs"),
         (("LOG", "--camera", "side"), "side"),
+        (("absent.mcap", "--recover"), "absent.mcap: no such file"),
+        (("LOG", "--video", "x.mp4", "--size", "9000x9000"), "size: 9000x9000"),
+        (("LOG", "--layouts", "/dev/null/x"), "not a folder: /dev/null"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(log, tmp_path, arguments, words):
@@ -71,3 +80,45 @@ def test_bad_input_is_one_line_and_status_2(log, tmp_path, arguments, words):
     assert words in done.stderr
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--csv", "PIPE"), ("--recover", "--log", "PIPE"), ("--resume", "1", "--log", "PIPE")]
+)
+def test_only_files_are_replaced(log, tmp_path, arguments):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    done = run("replay", log, *(pipe if word == "PIPE" else word for word in arguments))
+    assert done.returncode == 2
+    assert "must be a file" in done.stderr
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+def test_gl_is_needed_for_videos_only(log, tmp_path):
+    refused = run("replay", log, "--video", "x.mp4", cwd=tmp_path, MUJOCO_GL="nothing")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "no GL: nothing failed" in refused.stderr
+    assert list(tmp_path.iterdir()) == []
+    done = run("fly", "--drones", "2", "--duration", "1", "--log", "none", MUJOCO_GL="nothing")
+    assert done.returncode == 0, done.stderr
+
+
+@needs_gl
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_video_that_is_broken_off_leaves_nothing(log, tmp_path, number):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "scratch").mkdir()
+    video = subprocess.Popen(
+        [MOFLOCK, "replay", log, "--video", tmp_path / "out" / "x.mp4", "--fps", "240"],
+        env={**os.environ, "TMPDIR": str(tmp_path / "scratch")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 200
+    while not list((tmp_path / "scratch").glob("moflock-video-*/1.txt")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    video.send_signal(number)
+    video.communicate(timeout=60)
+    assert video.returncode == 128 + number
+    assert list((tmp_path / "out").iterdir()) == list((tmp_path / "scratch").iterdir()) == []

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
+import sys
 
 import numpy as np
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point
 from moflock_mj.errors import RenderError
+from moflock_mj.gl import find_gl
 from moflock_mj.viewer import Player, show
 
 av = pytest.importorskip("av", reason="PyAV is not installed: the extra `video`")
 
-from moflock_mj.video import find_gl, render_video  # noqa: E402 - after the extra is known to be there
+from moflock_mj.video import SMALLEST, render_video  # noqa: E402 - after the extra is known to be there
 
 try:
     find_gl()
@@ -39,12 +41,10 @@ def frames_of(path):
 def test_a_video_shows_the_flight(tmp_path, camera, colour):
     told = []
     out = tmp_path / "v.mp4"
-    render_video(
-        [flown()], out, camera=camera, colour=colour, fps=5, size=(320, 180), processes=1, progress=told.append
-    )
+    render_video([flown()], out, camera=camera, colour=colour, fps=5, size=SMALLEST, processes=1, progress=told.append)
     frames = frames_of(out)
     assert len(frames) == 10
-    assert frames[0].shape == (180, 320, 3)
+    assert frames[0].shape == (270, 480, 3)
     assert told[-1] == 1
     assert all(frame.std() > 5 for frame in frames)
     assert np.abs(frames[-1].astype(int) - frames[0]).max() > 60
@@ -70,7 +70,7 @@ def test_a_rendering_process_that_fails_is_one_line(tmp_path, monkeypatch):
 
 @needs_gl
 def test_two_flights_share_a_video(tmp_path):
-    render_video([flown("A"), flown("B")], tmp_path / "v.mp4", fps=2, size=(320, 180), processes=2)
+    render_video([flown("A"), flown("B")], tmp_path / "v.mp4", fps=2, size=SMALLEST, processes=2)
     assert len(frames_of(tmp_path / "v.mp4")) == 4
 
 
@@ -80,7 +80,9 @@ def test_two_flights_share_a_video(tmp_path):
         ({"fps": 0}, "fps: 0"),
         ({"speed": -1.0}, "speed: -1"),
         ({"speed": 1e-9}, "speed: 1e-09"),
-        ({"size": (321, 180)}, "size: 321x180"),
+        ({"size": (641, 360)}, "size: 641x360"),
+        ({"size": (320, 180)}, r"size: 320x180 .* at least 480x270"),
+        ({"size": (9000, 360)}, r"size: 9000x360 .* at most 8192x8192"),
         ({"camera": "side"}, "camera: 'side'"),
         ({"colour": "red"}, "colour"),
     ],
@@ -94,6 +96,23 @@ def test_bad_settings_are_refused_and_leave_nothing(tmp_path, settings, words):
 def test_only_mp4_is_written(tmp_path):
     with pytest.raises(RenderError, match=r"must end in \.mp4"):
         render_video([flown()], tmp_path / "v.avi")
+
+
+def test_no_codec_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    class Container:
+        def add_stream(self, name, rate):
+            raise ValueError(f"no {name} at {rate}")
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(av, "open", lambda *_, **__: Container())
+    with pytest.raises(RenderError, match="has no codec libx264"):
+        render_video([flown()], tmp_path / "v.mp4", processes=1)
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(RenderError, match="av is not installed"):
+        render_video([flown()], tmp_path / "v.mp4", processes=1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_no_gl_is_one_line(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import pytest
 from optimize.algorithms import make_algorithm
 from optimize.configuration import ALGORITHMS, SINGLE_OBJECTIVE
 from optimize.plan import Memory, Plan, noise_policy
+from optimize.regression import Belief
 
 
 def objectives_of(points, noise=0.0):
@@ -15,15 +16,20 @@ def objectives_of(points, noise=0.0):
     return np.clip(trade - distance[:, None] + noise, 0, 1)[:, None, :]
 
 
+def nothing_known(points):  # noqa: ARG001
+    return None
+
+
 def global_state():
     return str(np.random.get_state(legacy=False))  # noqa: NPY002 - it is the one that must stay as it is
 
 
 def make(name, noise="refly", seed=1, budget=600, population=12, seeds=1):
     objectives = 1 if name in SINGLE_OBJECTIVE else 2
+    policy = noise_policy(noise, population)
     return Plan(
-        make_algorithm(name, objectives, population, seed),
-        noise_policy(noise, population),
+        make_algorithm(name, objectives, population, seed, brood=policy.brood),
+        policy,
         population=population,
         objectives=objectives,
         seeds=seeds,
@@ -98,10 +104,35 @@ def test_leaders_fly_again():
     assert max(counts.values()) >= 5
 
 
+@pytest.mark.parametrize("name", ["nsga2", "unsga3"])
+def test_of_a_brood_the_most_promising_fly(name):
+    """All that is known of points is how far their first coordinate is: only those far along it are flown."""
+    algorithm = make_algorithm(name, 2, 10, 1, brood=20)
+    bred = []
+
+    def foresee(points):
+        bred.append(points)
+        return Belief(np.repeat(points[:, :1], 2, axis=1), np.zeros((len(points), 2)))
+
+    first = algorithm.ask(foresee)
+    algorithm.tell(lambda points: np.full((len(points), 2), 0.5), first[:0])
+    flown = algorithm.ask(foresee)
+    assert len(first) == len(flown) == 10
+    assert [len(points) for points in bred] == [200]
+    np.testing.assert_array_equal(np.sort(flown[:, 0]), np.sort(bred[0][:, 0])[-10:])
+
+
+def test_what_may_turn_out_better_is_flown_before_what_is_sure():
+    algorithm = make_algorithm("nsga2", 2, 10, 1, brood=20)
+    algorithm.tell(lambda points: np.full((len(points), 2), 0.5), algorithm.ask(nothing_known)[:0])
+    flown = algorithm.ask(lambda points: Belief(np.full((len(points), 2), 0.5), np.repeat(points[:, 1:2], 2, axis=1)))
+    assert flown[:, 1].min() > 0.7
+
+
 def test_an_unbounded_search_leaves_the_cube():
     algorithm = make_algorithm("cmaes", 1, 12, 1, unbounded=True)
     for _ in range(10):
-        points = algorithm.ask()
+        points = algorithm.ask(nothing_known)
         algorithm.tell(lambda points: points.sum(axis=1, keepdims=True), points[:0])
     assert points.max() > 1
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from moflock_mj.points import paper_point
-from optimize.estimates import estimated_front, estimates, flight_variance, hypervolume, non_dominated
+from optimize.estimates import estimated_front, estimates, hypervolume, non_dominated
 from optimize.evaluation import Evaluation
 from optimize.objectives import PAPER
 
@@ -44,16 +44,3 @@ def test_one_lucky_flight_does_not_make_the_front():
     steady = [flown(i, a, [(0.6 + 0.1 * (-1) ** i, 0.6)]) for i in range(40)]
     front = estimated_front([*steady, flown(40, b, [(0.65, 0.6)])], PAPER)
     assert [estimate.params for estimate in front] == [a]
-
-
-def test_the_variance_of_a_flight_is_pooled_over_all_points():
-    rng = np.random.default_rng(3)
-    rows = [rng.normal(mean, 0.1, (4, 1)) for mean in rng.random(200)]
-    found = flight_variance(
-        np.full(200, 4.0), np.array([r.sum(axis=0) for r in rows]), np.array([(r**2).sum(axis=0) for r in rows])
-    )
-    assert found == pytest.approx(0.01, rel=0.1)
-
-
-def test_nothing_is_known_of_the_noise_where_no_point_flew_twice():
-    assert not flight_variance(np.ones(3), np.ones((3, 2)), np.ones((3, 2))).any()

@@ -32,7 +32,7 @@ def searched(path, configuration, **fake):
         return outcome(run), result
 
 
-@pytest.mark.parametrize("algorithm", ["nsga2", "smsemoa", "cmaes", "pso"])
+@pytest.mark.parametrize("algorithm", ["nsga2", "unsga3", "cmaes", "pso"])
 def test_interrupted_anywhere_and_resumed_it_ends_the_same(tmp_path, algorithm):
     configuration = small_configuration(algorithm=algorithm, seeds=2, budget=120)
     expected, result = searched(tmp_path / "whole", configuration)
