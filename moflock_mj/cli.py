@@ -182,6 +182,71 @@ def _size(text: str) -> tuple[int, int]:
 app.add_typer(search_commands)
 
 
+class Autopilot(enum.StrEnum):
+    """How simulated vehicles behave."""
+
+    ARDUPILOT = "ardupilot"
+    PX4 = "px4"
+
+
+_FLEET_EXAMPLE = """Example: moflock fleet --vehicles 3 --autopilot px4 --fault drone=1,at=60,kind=gps_loss,for=10
+
+Vehicle i listens on UDP port base-port + i and answers whoever speaks to it. MAVSDK: udpout://127.0.0.1:14600 for the
+first vehicle. MAVProxy: mavproxy.py --master udpout:127.0.0.1:14600. With --to 127.0.0.1:14540 all vehicles speak
+first, and a client waits for them: MAVSDK udpin://127.0.0.1:14540, MAVProxy --master udpin:127.0.0.1:14540.
+
+Faults are drone (from 0, or all), kind, at (s), for (s) and value; kinds: silent, gps_loss, low_battery (value: share
+of charge), link_loss (share of packets), delay (s), duplicate_id (system id), motor_failure (rotor 0 to 3), pilot.
+
+Links are signed if --key-file or the environment variable MOFLOCK_SIGNING_KEY gives a key: 64 hexadecimal digits, or a
+pass phrase."""
+
+
+@app.command("fleet", epilog=_FLEET_EXAMPLE)
+def fleet_command(
+    vehicles: Annotated[int | None, typer.Option(help="Number; by default the scenario's drones, or 1.")] = None,
+    autopilot: Annotated[Autopilot, typer.Option(help="How they behave.")] = Autopilot.ARDUPILOT,
+    base_port: Annotated[int, typer.Option(help="UDP port of the first vehicle; 0: any that are free.")] = 14600,
+    bind: Annotated[str, typer.Option(help="Address of this machine at which they listen.")] = "127.0.0.1",
+    to: Annotated[str | None, typer.Option(help="HOST:PORT to which they send unasked.")] = None,
+    speed: Annotated[float, typer.Option(help="Simulated over real time.")] = 1.0,
+    spacing: Annotated[float, typer.Option(help="Between neighbours on the ground, m.")] = 5.0,
+    boot: Annotated[float, typer.Option(help="Simulated seconds until a position can be used.")] = 8.0,
+    scenario: Annotated[Path | None, typer.Option(help="TOML file: airframe, response, noise.")] = None,
+    airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
+    fault: Annotated[list[str] | None, typer.Option(help="A fault; may be given several times.")] = None,
+    faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[fault]] each.")] = None,
+    key_file: Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated seconds; by default until Ctrl-C.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print a JSON object at the start and one at the end.")
+    ] = False,
+) -> int:
+    """Simulated vehicles that speak MAVLink, in real time: a rehearsal for those who command real ones."""
+    from moflock_mj.mavlink import fleet_terminal  # noqa: PLC0415
+    from moflock_mj.mavlink.fleet import FleetPlan  # noqa: PLC0415
+    from moflock_mj.mavlink.fleet_faults import Fault, load_faults  # noqa: PLC0415
+    from moflock_mj.mavlink.signing import find_key  # noqa: PLC0415
+    from moflock_mj.scenario import Scenario  # noqa: PLC0415
+
+    flown = Scenario.load(scenario) if scenario else Scenario()
+    plan = FleetPlan(
+        vehicles=vehicles if vehicles is not None else flown.drones if scenario else 1,
+        autopilot=autopilot.value,
+        base_port=base_port,
+        bind=bind,
+        to=fleet_terminal.address(to) if to else None,
+        speed=speed,
+        spacing=spacing,
+        boot=boot,
+        scenario=flown.replace(airframe=airframe) if airframe else flown,
+        faults=[*(load_faults(faults) if faults else ()), *map(Fault.from_text, fault or ())],
+        seed=seed,
+    )
+    return fleet_terminal.run_fleet(plan, find_key(key_file), duration, as_json=as_json)
+
+
 def main() -> None:
     """Run the command line; errors that are the user's to mend become one line on stderr."""
     signal.signal(signal.SIGTERM, _leave)

@@ -31,3 +31,11 @@ class RenderError(MoflockError):
 
 class SearchError(MoflockError):
     """A search cannot be set up, run or resumed: its bounds, its objectives, its run directory or its workers."""
+
+
+class LinkError(MoflockError):
+    """A link to a vehicle cannot be opened: its address, its port or its signing key."""
+
+
+class FleetError(MoflockError):
+    """A fleet of simulated vehicles cannot be set up: its size, its faults or its speed."""

@@ -11,8 +11,9 @@ from controllers.flocking import FlockingParams
 from controllers.policy import Sensed, SpeedLimits
 from moflock_mj.arena import SquareArena
 from moflock_mj.clocks import Clocks
+from moflock_mj.draws import Draws, draw
 from moflock_mj.errors import FlightError, LogError, ScenarioError
-from moflock_mj.loop import Draws, Memory, Record, Stages, fly_beats
+from moflock_mj.loop import Memory, Record, Stages, fly_beats
 from moflock_mj.order_parameters import Tally, Yardstick, cluster_range
 from moflock_mj.point_mass import WindyPointMass, make_point_masses
 from moflock_mj.randomness import Streams
@@ -20,7 +21,7 @@ from moflock_mj.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.sensing import SensorModel, SensorState
 from moflock_mj.snapshot import generator_facts, pack, set_generator, unpack
 from moflock_mj.start import start_world
-from moflock_mj.wind import GUST_DRAWS, Wind, make_wind
+from moflock_mj.wind import Wind, make_wind
 
 
 class Flock:
@@ -127,20 +128,10 @@ class Flock:
 
     def _draw(self, beats: int) -> Draws:
         """Random numbers for the next beats, the same however a flight is cut into calls."""
-        clocks, drones = self.stages.clocks, self.scenario.drones
+        clocks = self.stages.clocks
         ticks = -(-(self.beat + beats) // clocks.sense_every) - -(-self.beat // clocks.sense_every)
         steps = beats * clocks.steps_per_beat
-        imu = self.body is not None and self.scenario.imu is not None
-        lossy = drones if self.stages.sensors.packet_loss > 0 else 0
-        return Draws(
-            gps=self.streams.sensing.standard_normal((ticks, 2, 2, drones)),
-            loss=self.streams.communication.random((ticks, lossy, lossy)),
-            fix=self.streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
-            outer=self.streams.disturbance.standard_normal((steps if self.scenario.wind is None else 0, 2, drones)),
-            gust=self.streams.wind.standard_normal((beats if self.scenario.wind else 0, GUST_DRAWS, drones)),
-            inertial=self.streams.inertial.random((steps if imu else 0, 6, drones), np.float32),
-            walk=self.streams.walk.standard_normal((beats if imu else 0, 6, drones)),
-        )
+        return draw(self.streams, self.scenario, self.dynamics, ticks=ticks, beats=beats, steps=steps)
 
     @property
     def touched_with(self) -> NDArray[np.int64] | None:

@@ -10,34 +10,11 @@ from numpy.typing import NDArray
 from controllers.compiling import entry_kernel, kernel
 from controllers.policy import Sensed, SpeedLimits, desired_velocity
 from moflock_mj.clocks import Clocks
+from moflock_mj.draws import Draws, noise_of_beat
 from moflock_mj.order_parameters import Tally, Yardstick, count_sample, write_running
-from moflock_mj.plant import Noise, advance, take_fix, write_state
+from moflock_mj.plant import advance, take_fix, write_state
 from moflock_mj.sensing import SensorModel, SensorState, remember, sense
 from moflock_mj.world import World
-
-
-class Draws(NamedTuple):
-    """Random numbers for the beats of one call, drawn beforehand in the order in which they are used.
-
-    Attributes:
-        gps: (ticks, 2, 2, N), N(0, 1).
-        loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no packet can be lost.
-        fix: (ticks, 2, N), N(0, 1), of barometer and compass.
-        outer: (steps, 2, N), N(0, 1).
-        gust: (beats, 5, N), N(0, 1).
-        inertial: (steps, 6, N), uniform in [0, 1), of gyroscope and accelerometer.
-        walk: (beats, 6, N), N(0, 1), of their biases.
-
-    From `fix` on, the first axis is of length 0 where a flight takes none of a kind.
-    """
-
-    gps: NDArray[np.float64]
-    loss: NDArray[np.float64]
-    fix: NDArray[np.float64]
-    outer: NDArray[np.float64]
-    gust: NDArray[np.float64]
-    inertial: NDArray[np.float32]
-    walk: NDArray[np.float64]
 
 
 class Record(NamedTuple):
@@ -125,17 +102,6 @@ def _sample(stages: Stages, memory: Memory, record: Record, beat: int, k: int) -
         write_state(stages.plant, world, record.qpos[k], record.qvel[k])
 
 
-@kernel
-def _noise_of_beat(draws: Draws, beat: int, steps: int) -> Noise:
-    step = beat * steps
-    return Noise(
-        draws.outer[step : step + steps],
-        draws.gust[beat : beat + 1],
-        draws.inertial[step : step + steps],
-        draws.walk[beat : beat + 1],
-    )
-
-
 @entry_kernel
 def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, first: int, count: int) -> None:
     """Fly `count` beats from beat `first`; a flight's first call also samples the start.
@@ -171,7 +137,7 @@ def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, firs
             take_fix(stages.plant, memory.sensor_state.velocity_error[0], draws.fix[tick : tick + 1])
             desired_velocity(stages.params, stages.limits, memory.sensed, memory.desired)
             tick += 1
-        noise = _noise_of_beat(draws, beat - first, clocks.steps_per_beat)
+        noise = noise_of_beat(draws, beat - first, clocks.steps_per_beat)
         advance(
             stages.plant, world, memory.desired, memory.sensor_state.velocity_error[0], noise, clocks.steps_per_beat
         )

@@ -74,7 +74,8 @@ class RigidBody(NamedTuple):
     Attributes:
         gains: of the controllers, with the vehicle's figures.
         step: s.
-        altitude: m, to be held.
+        altitude: (N,), m, to be held.
+        stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
         outer: see `moflock_mj.outer_noise`, or Off.
         wind: the air, see `moflock_mj.wind`.
         drag: of the air, see `moflock_mj.aerodynamics`, or Off; so are downwash and ground.
@@ -100,7 +101,8 @@ class RigidBody(NamedTuple):
 
     gains: Gains
     step: float
-    altitude: float
+    altitude: NDArray[np.float64]
+    stopped: NDArray[np.uint8]
     outer: NamedTuple
     wind: NamedTuple
     drag: NamedTuple
@@ -185,13 +187,22 @@ def _meter(plant: RigidBody, duration: float) -> None:
         extremes.energy[i] += extremes.power[i] * duration
 
 
+@kernel
+def _stop_rotors(plant: RigidBody) -> None:
+    """Command nothing of the rotors that stand still."""
+    for i in range(plant.stopped.shape[0]):
+        for rotor in range(ROTORS):
+            if plant.stopped[i, rotor]:
+                plant.thrust_command[i, rotor] = 0.0
+
+
 @hot_kernel
 def _watch(plant: RigidBody, i: int) -> None:
     """Count what the step before asks of body i."""
     extremes, gains = plant.extremes, plant.gains
     qx, qy = plant.qpos[i, 4], plant.qpos[i, 5]
     extremes.upright[i] = min(extremes.upright[i], 1 - 2 * (qx * qx + qy * qy))
-    extremes.altitude_error[i] = max(extremes.altitude_error[i], abs(plant.qpos[i, 2] - plant.altitude))
+    extremes.altitude_error[i] = max(extremes.altitude_error[i], abs(plant.qpos[i, 2] - plant.altitude[i]))
     saturated = False
     for rotor in range(ROTORS):
         command = plant.thrust_command[i, rotor]
@@ -250,7 +261,7 @@ def advance_rigid_bodies(
                 plant.gains,
                 desired[0, i],
                 desired[1, i],
-                plant.altitude,
+                plant.altitude[i],
                 qvel[i, 0] + error[0, i],
                 qvel[i, 1] + error[1, i],
                 qpos[i],
@@ -259,6 +270,7 @@ def advance_rigid_bodies(
                 plant.observer[i],
                 plant.thrust_command[i],
             )
+        _stop_rotors(plant)
         # A loop of its own: the two together compile to slower code.
         for i in range(drones):
             _watch(plant, i)
@@ -311,6 +323,7 @@ class RigidBodyFlock:
             )
         except TuningError as problem:
             raise AirframeError(str(problem)) from None
+        self.airframe = airframe
         drones = scenario.drones
         self.model = flock_model(scenario.airframe, drones, step)
         self.model_apart = copy.copy(self.model)
@@ -323,7 +336,8 @@ class RigidBodyFlock:
         self.plant = RigidBody(
             gains=gains,
             step=step,
-            altitude=scenario.altitude,
+            altitude=np.full(drones, scenario.altitude),
+            stopped=np.zeros((drones, ROTORS), np.uint8),
             outer=make_outer_noise(scenario, airframe, step),
             wind=wind,
             drag=drag,

@@ -69,7 +69,7 @@ def remember(state: SensorState, world: World, moment: int) -> None:
 
 
 @kernel
-def _drift_gps(model: SensorModel, state: SensorState, noise: NDArray[np.float64]) -> None:
+def drift_gps(model: SensorModel, state: SensorState, noise: NDArray[np.float64]) -> None:
     """One step of the damped random walk of all GPS errors; noise: (2, 2, N), N(0, 1)."""
     kick = sqrt(2 * model.lambda_gps * model.sigma_inner * model.t_gps)
     damping = model.lambda_gps * model.t_gps
@@ -129,7 +129,7 @@ def sense(
         loss_draws: (N, N), uniform in [0, 1); (0, 0) where no packet can be lost.
         sensed: written.
     """
-    _drift_gps(model, state, gps_noise)
+    drift_gps(model, state, gps_noise)
     _find_neighbours(model, world, loss_draws, sensed)
     slot = heard_moment % state.past_position.shape[0]  # moments before the start find the initial state there
     for axis in range(2):

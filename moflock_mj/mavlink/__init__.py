@@ -1,0 +1,1 @@
+"""MAVLink: links, signing, and simulated vehicles that answer as real ones do."""

@@ -1,0 +1,245 @@
+"""One UDP endpoint that speaks MAVLink 2, for vehicles and for those who command them.
+
+Every datagram is hostile until it is checked: whole packets of MAVLink 2, a right checksum, a right signature where
+links are signed, and addressed to this system. What fails is counted and dropped, and leaves no trace but the count.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from moflock_mj.errors import LinkError
+from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
+from moflock_mj.mavlink.signing import SignatureCheck, SigningClock, SigningKey
+
+Address = tuple[str, int]
+"""Host and port."""
+
+PEERS_MAX = 16
+"""Peers that an endpoint answers; a further one takes the place of the one that was silent longest."""
+
+_MARKER = 0xFD
+_HEADER = 10
+_CHECKSUM = 2
+_SIGNATURE = 13
+_SIGNED = 0x01
+_SOURCES_MAX = 256
+"""Senders behind one address whose sequence is followed."""
+
+
+@dataclasses.dataclass(kw_only=True)
+class Counts:
+    """What an endpoint has seen.
+
+    Attributes:
+        received: packets that were delivered.
+        malformed: datagrams or parts of one that are no packet of MAVLink 2 of this dialect, wrong checksums included.
+        unsigned: packets without a signature, or with one that is wrong or old, where links are signed.
+        foreign: packets that are addressed to another system or component, or sent in this system's own name.
+        lost: packets missing in the senders' sequences.
+        sent: packets.
+    """
+
+    received: int = 0
+    malformed: int = 0
+    unsigned: int = 0
+    foreign: int = 0
+    lost: int = 0
+    sent: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Everything that came in and was not delivered."""
+        return self.malformed + self.unsigned + self.foreign
+
+
+class Peer:
+    """Somebody at the other end of an endpoint: an address, and the sequence of what it is sent.
+
+    Attributes:
+        address: where it is.
+    """
+
+    def __init__(self, address: Address, packer: Any) -> None:
+        self.address = address
+        self._packer = packer
+        self._sequences: dict[tuple[int, int], int] = {}
+
+    def count_lost(self, system: int, component: int, sequence: int) -> int:
+        """Packets missing before this one of a sender; 0 for its first, and for a sender that began anew."""
+        source = (system, component)
+        before = self._sequences.get(source)
+        if before is None and len(self._sequences) >= _SOURCES_MAX:
+            return 0
+        self._sequences[source] = sequence
+        lost = 0 if before is None else (sequence - before - 1) % 256
+        return lost if lost < 128 else 0
+
+
+class _Decoder(mavlink.MAVLink):  # type: ignore[misc]
+    """pymavlink's decoder with our own check of signatures."""
+
+    def __init__(self, check: SignatureCheck | None) -> None:
+        super().__init__(None)
+        self._check = check
+        if check is not None:
+            self.signing.secret_key = b"kept by the check"
+
+    def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:
+        return self._check is not None and self._check.accepts(msgbuf, srcSystem, srcComponent)
+
+
+class Endpoint(asyncio.DatagramProtocol):
+    """A MAVLink 2 endpoint of one system on one UDP socket.
+
+    Args:
+        system: own system id.
+        receive: told each valid message and the peer that sent it.
+        component: own component id.
+        key: links are signed with it, and what is unsigned is dropped; None: links are not signed.
+        clock: of the signatures; one for all endpoints of the process.
+    """
+
+    def __init__(
+        self,
+        system: int,
+        receive: Callable[[Message, Peer], None],
+        *,
+        component: int = AUTOPILOT_COMPONENT,
+        key: SigningKey | None = None,
+        clock: SigningClock | None = None,
+    ) -> None:
+        self.system = system
+        self.component = component
+        self.counts = Counts()
+        self.peers: dict[Address, Peer] = {}
+        """By address, the one that was silent longest first."""
+        self._receive = receive
+        self._key = key
+        self._clock = clock or SigningClock()
+        self._decoder = _Decoder(SignatureCheck(key, self._clock) if key else None)
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def open(self, host: str = "127.0.0.1", port: int = 0) -> Address:
+        """Bind the socket; returns where it is bound.
+
+        Raises:
+            LinkError: the address is in use, or not this machine's.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=(host, port))
+        except (OSError, OverflowError) as problem:
+            reason = getattr(problem, "strerror", None) or str(problem)
+            raise LinkError(f"UDP {host}:{port}: {reason}") from None
+        bound: tuple[Any, ...] = transport.get_extra_info("sockname")
+        return bound[0], bound[1]
+
+    def connection_made(self, transport: Any) -> None:
+        """Send by this transport from now on."""
+        self._transport = transport
+
+    def close(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+
+    def rename(self, system: int) -> None:
+        """Go by another system id from now on."""
+        self.system = system
+        for peer in self.peers.values():
+            peer._packer.srcSystem = system
+
+    def peer(self, address: Address) -> Peer:
+        """The peer at an address, made if there is none yet."""
+        peer = self.peers.pop(address, None)
+        if peer is None:
+            packer = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=self.component)
+            if self._key is not None:
+                packer.signing.secret_key = self._key.secret
+                packer.signing.sign_outgoing = True
+            peer = Peer(address, packer)
+            if len(self.peers) >= PEERS_MAX:
+                del self.peers[next(iter(self.peers))]
+        self.peers[address] = peer
+        return peer
+
+    def send(self, message: Message, peer: Peer) -> None:
+        """Send a message to a peer."""
+        self.send_packet(self.pack(message, peer), peer)
+
+    def pack(self, message: Message, peer: Peer) -> bytes:
+        """The packet of a message, the next one of the peer's sequence."""
+        packer = peer._packer
+        if self._key is not None:
+            packer.signing.timestamp = self._clock.take()
+        packet: bytes = message.pack(packer)
+        packer.seq = (packer.seq + 1) % 256
+        return packet
+
+    def send_packet(self, packet: bytes, peer: Peer) -> None:
+        """Send bytes that `pack` made."""
+        if self._transport is not None:
+            self.counts.sent += 1
+            self._transport.sendto(packet, peer.address)
+
+    def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
+        """Deliver the valid packets of a datagram."""
+        address = (addr[0], addr[1])
+        offset, end = 0, len(data)
+        while offset < end:
+            length = _packet_length(data, offset)
+            if not length:
+                self.counts.malformed += 1
+                return
+            self._take(data[offset : offset + length], address)
+            offset += length
+
+    def error_received(self, exc: Exception) -> None:
+        """A peer that is no longer there is not an error of this endpoint."""
+
+    def _take(self, frame: bytes, address: Address) -> None:
+        """Deliver one packet, if it is valid."""
+        if self._key is not None and not frame[2] & _SIGNED:
+            self.counts.unsigned += 1
+            return
+        signing = self._decoder.signing
+        bad_signatures = signing.badsig_count
+        try:
+            message = self._decoder.decode(bytearray(frame))
+        except (mavlink.MAVError, struct.error, ValueError):
+            if signing.badsig_count > bad_signatures:
+                self.counts.unsigned += 1
+            else:
+                self.counts.malformed += 1
+            return
+        # A message of an unknown kind has not been checked at all.
+        if message.get_msgId() < 0 or message.get_type().startswith("UNKNOWN"):
+            self.counts.malformed += 1
+            return
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        if not self._is_addressed(message) or (system, component) == (self.system, self.component):
+            self.counts.foreign += 1
+            return
+        peer = self.peer(address)
+        self.counts.received += 1
+        self.counts.lost += peer.count_lost(system, component, message.get_seq())
+        self._receive(message, peer)
+
+    def _is_addressed(self, message: Message) -> bool:
+        """Whether a message is for everybody or for this system."""
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
+        return system in (0, self.system) and component in (0, self.component)
+
+
+def _packet_length(data: bytes, offset: int) -> int:
+    """Bytes of the packet that begins there; 0 if none does."""
+    if len(data) - offset < _HEADER + _CHECKSUM or data[offset] != _MARKER or data[offset + 2] & ~_SIGNED:
+        return 0
+    length = _HEADER + data[offset + 1] + _CHECKSUM + (_SIGNATURE if data[offset + 2] & _SIGNED else 0)
+    return length if offset + length <= len(data) else 0
