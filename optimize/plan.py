@@ -53,7 +53,7 @@ def noise_policy(name: str, population: int) -> NoisePolicy:
     """The policy of a name: "fixed" or "refly"."""
     if name == "fixed":
         return NoisePolicy(fresh=False, leaders=0, finals=0.0, brood=1)
-    return NoisePolicy(fresh=True, leaders=population // 5, finals=0.15, brood=10)
+    return NoisePolicy(fresh=True, leaders=max(population // 10, 2), finals=0.15, brood=10)
 
 
 class Plan:

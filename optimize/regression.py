@@ -3,7 +3,7 @@
 One flight's objectives scatter about the mean of their point, which changes slowly from point to point. A mean over
 neighbours is then far surer than one flight: at points that had flown often, the regression without their own flights
 was as good as some ten flights of their own. The scatter is no constant: flocks that hardly ever fail, or always,
-scatter by a fiftieth, those between by a quarter; so it is learnt as a function of the mean.
+scatter by a thirtieth, those between by a quarter; so it is learnt as a function of the mean.
 
 Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapters 2, 4 and 5; noise that depends
 on the mean after Goldberg, Williams and Bishop, Regression with input-dependent noise (NIPS 1997), with a kernel
@@ -37,11 +37,12 @@ _GROWTH = 1.25
 """The lengths are sought again when there are so many more points."""
 
 _LEVELS = np.linspace(0.0, 1.0, 51)
-_LEVEL_WIDTH = 0.05
+_LEVEL_WIDTH = 0.1
 """Means at which the scatter is learnt, and from how far around each."""
 
-_PRIOR_FLIGHTS = 4.0
-"""What the scatter over all points counts for at each level, in repeated flights."""
+_PRIOR_FLIGHTS = 50.0
+"""What the scatter over all points counts for at each level, in repeated flights. It must be many: points that were
+lucky in a few flights look both good and steady."""
 
 _LEAST_VARIANCE = 1e-6
 

@@ -101,7 +101,7 @@ def test_leaders_fly_again():
     for asked in run(make("nsga2"), False):
         for point in asked.points:
             counts[point.tobytes()] = counts.get(point.tobytes(), 0) + 1
-    assert max(counts.values()) >= 5
+    assert max(counts.values()) >= 4
 
 
 @pytest.mark.parametrize("name", ["nsga2", "unsga3"])
