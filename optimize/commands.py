@@ -39,6 +39,7 @@ class Noise(enum.StrEnum):
     """What is done about the scatter from seed to seed."""
 
     REFLY = "refly"
+    COMMON = "common"
     FIXED = "fixed"
 
 
@@ -102,11 +103,9 @@ def optimize_command(
     algorithm: Annotated[Algorithm | None, typer.Option(help="Who searches; nsga2 if absent.")] = None,
     budget: Annotated[int | None, typer.Option(help="Flights; 2000 if absent.")] = None,
     population: Annotated[int | None, typer.Option(help="Points per generation; 50 if absent.")] = None,
-    seeds: Annotated[
-        int | None, typer.Option(help="Flights per evaluation, on common random numbers; 1 if absent.")
-    ] = None,
+    seeds: Annotated[int | None, typer.Option(help="Flights per evaluation; 1 if absent.")] = None,
     noise: Annotated[
-        Noise | None, typer.Option(help="refly good points on new seeds, or all on fixed ones; refly if absent.")
+        Noise | None, typer.Option(help="New seeds for each evaluation, common ones, or fixed ones; refly if absent.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of the search; 1 if absent.")] = None,
     dynamics: Annotated[Dynamics | None, typer.Option(help="What moves the drones; point_mass if absent.")] = None,

@@ -51,10 +51,11 @@ class Settings:
     noise: str = quantity(
         "refly",
         "1",
-        "fixed: all on the same seeds, the paper's way; refly: new seeds each generation, on which good points fly too",
-        choices=("fixed", "refly"),
+        "fixed: all flights on the same seeds, the paper's way; common: new ones for each generation; refly: for each "
+        "evaluation; but for fixed good points fly again and neighbours are believed",
+        choices=("fixed", "common", "refly"),
     )
-    seeds: int = quantity(1, "1", "flights per evaluation, with common random numbers", low=1, high=1000)
+    seeds: int = quantity(1, "1", "flights per evaluation", low=1, high=1000)
     seed: int = quantity(1, "1", "of all random numbers of the search", low=0, high=2**31)
     population: int = quantity(50, "1", "points per generation", low=4, high=10_000)
     budget: int = quantity(2000, "1", "flights", low=1, high=10_000_000)

@@ -1,10 +1,14 @@
 """How a search spends its flights: which points fly on which seeds, and how much a few noisy flights are believed.
 
 A flight's objectives depend on its seed: the spread over seeds is as large as the differences between good points. The
-best of many single flights is then mostly lucky. So each generation flies on seeds of its own, common to all of its
-points; the leaders so far fly with it again, which makes their means surer; a point is judged by its own flights and
-by those of its neighbours (`regression`), which also tells, of many points that were bred, those worth flying; and the
-last flights go to the leaders alone.
+best of many single flights is then mostly lucky. A point is therefore judged by its own flights and by those of its
+neighbours (`regression`), which also tells, of many points that were bred, those worth flying; the leaders so far fly
+again in each generation; and the last flights go to the leaders alone.
+
+A seed by itself makes half of the spread of F_1 and a fifth of that of F_2, for all points alike. Flown on one common
+seed, a generation's points would be lucky together, and neighbours would not tell. So each evaluation has seeds of its
+own ("refly"), unless common random numbers are asked for: for each generation ("common"), or for all ("fixed", the
+paper's way), where single flights are compared as they are.
 """
 
 from __future__ import annotations
@@ -25,11 +29,11 @@ class Trials(NamedTuple):
 
     Attributes:
         points: (n, 12), unit cube.
-        seeds: (S,), common to all.
+        seeds: (n, S), those of each.
     """
 
     points: NDArray[np.float64]
-    seeds: tuple[int, ...]
+    seeds: tuple[tuple[int, ...], ...]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -37,23 +41,24 @@ class NoisePolicy:
     """What is done about noise.
 
     Attributes:
-        fresh: whether each generation has seeds of its own.
+        seeds: whose own they are: the "search"'s, each "generation"'s, or each "evaluation"'s.
         leaders: how many of the best points fly again in each generation.
         finals: share of the flights that is kept for the leaders at the end.
         brood: points that are bred for one that flies, the most promising.
     """
 
-    fresh: bool
+    seeds: str
     leaders: int
     finals: float
     brood: int
 
 
 def noise_policy(name: str, population: int) -> NoisePolicy:
-    """The policy of a name: "fixed" or "refly"."""
+    """The policy of a name: "fixed", "common" or "refly"."""
     if name == "fixed":
-        return NoisePolicy(fresh=False, leaders=0, finals=0.0, brood=1)
-    return NoisePolicy(fresh=True, leaders=max(population // 10, 2), finals=0.15, brood=10)
+        return NoisePolicy(seeds="search", leaders=0, finals=0.0, brood=1)
+    whose = "generation" if name == "common" else "evaluation"
+    return NoisePolicy(seeds=whose, leaders=max(population // 10, 2), finals=0.15, brood=10)
 
 
 class Plan:
@@ -85,6 +90,7 @@ class Plan:
         self._left = budget
         self._kept = min(int(policy.finals * budget), budget - population * seeds)  # a first generation must fly
         self._rng = rng
+        self._flights = seeds
         self._seeds = _draw_seeds(rng, seeds)
         self._asked = Trials(np.empty((0, DIMENSIONS)), ())
         self._breeding = True
@@ -93,8 +99,6 @@ class Plan:
 
     def ask(self) -> Trials | None:
         """What to fly next; None when the budget does not allow more."""
-        if self._policy.fresh:
-            self._seeds = _draw_seeds(self._rng, len(self._seeds))
         leaders = self._memory.leaders(self._policy.leaders)
         if self._breeding and self._affordable(self._left - self._kept) >= self._population + len(leaders):
             points = np.concatenate([self._algorithm.ask(self._memory.foresee), leaders])
@@ -103,8 +107,8 @@ class Plan:
             points = self._finalists(leaders)
         if not len(points):
             return None
-        self._asked = Trials(points, self._seeds)
-        self._left -= len(points) * len(self._seeds)
+        self._asked = Trials(points, self._seeds_of(len(points)))
+        self._left -= len(points) * self._flights
         return self._asked
 
     def tell(self, values: NDArray[np.float64]) -> None:
@@ -132,7 +136,15 @@ class Plan:
         return np.concatenate([favourites, leaders])[: self._affordable(self._left)]
 
     def _affordable(self, flights: int) -> int:
-        return flights // len(self._seeds)
+        return flights // self._flights
+
+    def _seeds_of(self, points: int) -> tuple[tuple[int, ...], ...]:
+        """Seeds (points, S) of the next trials."""
+        if self._policy.seeds == "evaluation":
+            return tuple(_draw_seeds(self._rng, self._flights) for _ in range(points))
+        if self._policy.seeds == "generation":
+            self._seeds = _draw_seeds(self._rng, self._flights)
+        return (self._seeds,) * points
 
 
 class Memory:

@@ -154,7 +154,8 @@ class _Session:
         """Objectives (n, S, K) of a generation, flown or found in the archive; None if it was stopped."""
         first = len(self._evaluations)
         points = self._run.configuration.bounds.from_unit(trials.points)
-        tasks = [Task(first + i, FlockingParams(*point), trials.seeds) for i, point in enumerate(points.tolist())]
+        pairs = zip(points.tolist(), trials.seeds, strict=True)
+        tasks = [Task(first + i, FlockingParams(*point), seeds) for i, (point, seeds) in enumerate(pairs)]
         for task in tasks:
             if task.number in self._archived:
                 self._count(self._recall(task))

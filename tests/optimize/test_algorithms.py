@@ -8,6 +8,8 @@ from optimize.configuration import ALGORITHMS, SINGLE_OBJECTIVE
 from optimize.plan import Memory, Plan, noise_policy
 from optimize.regression import Belief
 
+NOISE = ("fixed", "common", "refly")
+
 
 def objectives_of(points, noise=0.0):
     """(n, 1, 2): a trade-off along the first coordinate, best where all others are 0.3."""
@@ -42,12 +44,12 @@ def run(plan, single):
     trials = []
     while (asked := plan.ask()) is not None:
         values = objectives_of(asked.points)
-        plan.tell(np.repeat(values.prod(axis=2, keepdims=True) if single else values, len(asked.seeds), axis=1))
+        plan.tell(np.repeat(values.prod(axis=2, keepdims=True) if single else values, len(asked.seeds[0]), axis=1))
         trials.append(asked)
     return trials
 
 
-@pytest.mark.parametrize("noise", ["fixed", "refly"])
+@pytest.mark.parametrize("noise", NOISE)
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_each_algorithm_improves_stays_in_the_cube_and_within_its_budget(name, noise):
     before = global_state()
@@ -56,7 +58,7 @@ def test_each_algorithm_improves_stays_in_the_cube_and_within_its_budget(name, n
     flown = np.concatenate([asked.points for asked in trials])
     assert flown.min() >= 0
     assert flown.max() <= 1
-    assert 0.9 * 600 <= sum(len(asked.points) * len(asked.seeds) for asked in trials) <= 600
+    assert 0.9 * 600 <= sum(len(seeds) for asked in trials for seeds in asked.seeds) <= 600
     values = objectives_of(flown)[:, 0].prod(axis=1)
     assert values[-50:].max() > values[:12].max() + 0.05
     assert global_state() == before, "NumPy's global generator was touched"
@@ -88,12 +90,14 @@ def test_a_budget_of_one_generation_flies_it(name):
     assert len(asked.points) == 12
 
 
-def test_common_random_numbers_fixed_or_fresh():
-    fixed = {asked.seeds for asked in run(make("nsga2", "fixed", seeds=2), False)}
-    fresh = [asked.seeds for asked in run(make("nsga2", "refly", seeds=2), False)]
-    assert len(fixed) == 1
-    assert len(set(fresh)) == len(fresh)
-    assert all(len(set(seeds)) == 2 for seeds in fresh)
+def test_seeds_are_fixed_or_common_to_a_generation_or_of_each_evaluation():
+    fixed, common, own = ([asked.seeds for asked in run(make("nsga2", noise, seeds=2), False)] for noise in NOISE)
+    assert len({pair for seeds in fixed for pair in seeds}) == 1
+    assert all(len(set(seeds)) == 1 for seeds in common)
+    assert len({seeds[0] for seeds in common}) == len(common)
+    pairs = [pair for seeds in own for pair in seeds]
+    assert len(set(pairs)) == len(pairs)
+    assert all(len(set(pair)) == 2 for pair in (*pairs, *(seeds[0] for seeds in common)))
 
 
 def test_leaders_fly_again():
