@@ -165,8 +165,8 @@ def _comparison_section(scores: Mapping[str, Score], budget: int) -> str:
             "product of all six fitnesses and are no searches for a front.",
             _markdown(("search", "hypervolume of each run", "mean", "best product", "best F_1", "best F_2"), rows),
             "One fixed seed is the paper's way: its front is too good to be true, and sinks on fresh seeds. The other "
-            "searches fly each generation on a new seed, the leaders with it, believe a regression over all flights "
-            "rather than single ones, and let it choose which of ten points bred is flown.",
+            "searches give each evaluation a seed of its own, fly the leaders again, believe a regression over all "
+            "flights rather than single ones, and let it choose which of ten points bred is flown.",
         ]
     )
 
