@@ -111,6 +111,7 @@ def test_a_log_of_another_release_has_no_layout(log: Path, tmp_path: Path, monke
 @pytest.mark.parametrize(
     "content",
     [gzip.compress(bytes(1 << 25)), b"no gzip", gzip.compress(b"cut off")[:-9], gzip.compress(b"x" * 99)[:12]],
+    ids=["bomb", "no gzip", "cut off", "head alone"],
 )
 def test_a_hostile_blueprint_is_refused(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
