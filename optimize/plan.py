@@ -58,7 +58,7 @@ def noise_policy(name: str, population: int) -> NoisePolicy:
     if name == "fixed":
         return NoisePolicy(seeds="search", leaders=0, finals=0.0, brood=1)
     whose = "generation" if name == "common" else "evaluation"
-    return NoisePolicy(seeds=whose, leaders=max(population // 10, 2), finals=0.15, brood=10)
+    return NoisePolicy(seeds=whose, leaders=max(population // 10, 2), finals=0.15, brood=4)
 
 
 class Plan:
