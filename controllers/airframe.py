@@ -21,7 +21,13 @@ class Airframe:
             clockwise seen from above, whose drag turns the body anticlockwise.
         thrust_max: N, of one rotor.
         rotor_lag: s, time constant of the first-order lag from commanded to actual thrust.
-        drag_area: m^2, drag coefficient times reference area.
+        drag_area: m^2, drag coefficient times reference area of the body.
+        rotor_drag: 1/s, drag of the rotors in hover, over mass and speed along the rotor plane.
+        rotor_radius: m.
+        rotor_efficiency: ideal power of hover (momentum theory) over the power that the battery gives for it.
+        battery_cells: lithium polymer cells in series.
+        battery_capacity: C, charge of a full battery.
+        battery_resistance: ohm, of the whole battery.
         radius: m, of the flat collision cylinder around body and rotors.
         half_height: m, of the same cylinder.
     """
@@ -34,6 +40,12 @@ class Airframe:
     thrust_max: float
     rotor_lag: float
     drag_area: float
+    rotor_drag: float
+    rotor_radius: float
+    rotor_efficiency: float
+    battery_cells: int
+    battery_capacity: float
+    battery_resistance: float
     radius: float
     half_height: float
 

@@ -44,6 +44,7 @@ class Gains(NamedTuple):
         observer_velocity_gain: 1/s.
         observer_disturbance_gain: 1/s^2.
         disturbance_max: m/s^2, bound of the estimated disturbance along each axis.
+        wind_max: m/s^2, the same bound along the horizontal axes, which may be larger where wind is expected.
         wrench_matrix: (4, 4), from rotor thrusts to total thrust and torques.
         mixer: (4, 4), its inverse.
     """
@@ -73,6 +74,7 @@ class Gains(NamedTuple):
     observer_velocity_gain: float
     observer_disturbance_gain: float
     disturbance_max: float
+    wind_max: float
     wrench_matrix: NDArray[np.float64]
     mixer: NDArray[np.float64]
 
@@ -178,6 +180,7 @@ def _observe(
     force = total / gains.mass
     measured = (measured_vx, measured_vy, climb_rate)
     modelled = (force * thrust_x, force * thrust_y, force * thrust_z - gains.gravity)
+    bounds = (gains.wind_max, gains.wind_max, gains.disturbance_max)
     for axis in range(3):
         observer[axis], observer[3 + axis] = observe_axis(
             observer[axis],
@@ -186,6 +189,6 @@ def _observe(
             modelled[axis],
             gains.observer_velocity_gain,
             gains.observer_disturbance_gain,
-            gains.disturbance_max,
+            bounds[axis],
             gains.step,
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 from numba.core import caching
@@ -76,35 +76,47 @@ def entry_kernel(function: Function) -> Function:
     return cast("Function", numba.njit(nogil=True, error_model="numpy", cache=True)(function))
 
 
-def stage(signature: Callable[..., None]) -> Callable[..., None]:
+class Off(NamedTuple):
+    """What stands in a flight for an effect that is off: its stages' implementations for this type do nothing."""
+
+
+def stage(signature: Function) -> Function:
     """Declare a stage of the flight whose implementation is chosen by the type of its first argument.
 
     The choice is made when the loop is compiled for that type, so that another arena, policy or plant costs nothing
     in each step: it brings a named tuple and, under `implements`, a function with the stage's own argument names.
     """
-    implementations: dict[type, Callable[..., None]] = {}
+    return _declare(signature, {"error_model": "numpy"})
+
+
+def hot_stage(signature: Function) -> Function:
+    """Declare a stage that runs for each drone at each step: as `stage`, and always inlined."""
+    return _declare(signature, {"error_model": "numpy", "forceinline": True})
+
+
+def _declare(signature: Function, options: dict[str, Any]) -> Function:
+    implementations: dict[type, Callable[..., Any]] = {}
 
     @functools.wraps(signature)
-    def choose(*argument_types: Any, **named: Any) -> Callable[..., None] | None:
+    def choose(*argument_types: Any, **named: Any) -> Callable[..., Any] | None:
         first = argument_types[0] if argument_types else next(iter(named.values()))
         return implementations.get(getattr(first, "instance_class", None))  # type: ignore[arg-type]
 
     signature.implementations = implementations  # type: ignore[attr-defined]
-    overload(signature, strict=False)(choose)  # strict would compare annotations too, which differ by design
+    # strict would compare annotations too, which differ by design
+    overload(signature, jit_options=options, strict=False)(choose)
     return signature
 
 
-def implements(
-    declared_stage: Callable[..., None], chosen_by: type
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def implements(declared_stage: Callable[..., Any], chosen_by: type) -> Callable[[Function], Function]:
     """Decorator: compile this function as `declared_stage` wherever the first argument is a `chosen_by`.
 
     Args:
-        declared_stage: a function made by `stage`.
+        declared_stage: a function made by `stage` or `hot_stage`.
         chosen_by: the named tuple that selects this implementation.
     """
 
-    def register(implementation: Callable[..., None]) -> Callable[..., None]:
+    def register(implementation: Function) -> Function:
         declared_stage.implementations[chosen_by] = implementation  # type: ignore[attr-defined]
         return implementation
 

@@ -133,12 +133,36 @@ def design_gains(
         rate_gain_z=rate_gain_z,
         observer_velocity_gain=loops.observer_velocity_gain,
         observer_disturbance_gain=loops.observer_disturbance_gain,
-        # Never more than half of what the tilt can push, nor, with the bound on vertical acceleration, all of gravity.
-        disturbance_max=min(g * math.tan(tilt_max) / 2, g / 4),
+        disturbance_max=disturbance_bound(tilt_max, g),
+        wind_max=disturbance_bound(tilt_max, g),
         wrench_matrix=matrix,
         mixer=mixer,
     )
     return LoopDesign(gains=gains, margins=margins)
+
+
+def disturbance_bound(tilt_max: float, g: float = 9.81) -> float:
+    """Largest disturbance that the observer takes for real, m/s^2.
+
+    Never more than half of what the tilt can push, nor, with the bound on vertical acceleration, all of gravity.
+
+    Args:
+        tilt_max: rad.
+        g: m/s^2.
+    """
+    return min(g * math.tan(tilt_max) / 2, g / 4)
+
+
+def largest_push(airframe: Airframe, tilt_max: float, g: float = 9.81) -> float:
+    """Horizontal acceleration that a vehicle can hold in level flight by tilt and `THRUST_SHARE` of its rotors, m/s^2.
+
+    Args:
+        airframe: the vehicle.
+        tilt_max: rad.
+        g: m/s^2.
+    """
+    lift = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
+    return min(g * math.tan(tilt_max), math.sqrt(max(lift**2 - g**2, 0.0)))
 
 
 class _Loops:

@@ -76,7 +76,13 @@ def read_airframe(path: Path) -> Airframe:
         yaw_ratio=_floats(gears[:, 5]),
         thrust_max=float(model.actuator_ctrlrange[0, 1]),
         rotor_lag=float(model.actuator_dynprm[0, 0]),
-        drag_area=_drag_area(model, require),
+        drag_area=_numeric(model, require, "drag_area", "m^2"),
+        rotor_drag=_numeric(model, require, "rotor_drag", "1/s"),
+        rotor_radius=_numeric(model, require, "rotor_radius", "m", above=True),
+        rotor_efficiency=_numeric(model, require, "rotor_efficiency", "", above=True),
+        battery_cells=round(_numeric(model, require, "battery_cells", "", above=True)),
+        battery_capacity=_numeric(model, require, "battery_capacity", "C", above=True),
+        battery_resistance=_numeric(model, require, "battery_resistance", "ohm"),
         radius=float(model.geom_size[guard, 0]),
         half_height=float(model.geom_size[guard, 1]),
     )
@@ -228,12 +234,18 @@ def _rotors(
     return sites, gears
 
 
-def _drag_area(model: mujoco.MjModel, require: _Requirements) -> float:
-    numeric = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, "drag_area")
-    require(numeric >= 0, "numeric drag_area", "absent", "there, in m^2")
-    area = float(model.numeric_data[model.numeric_adr[numeric]])
-    require(area >= 0, "numeric drag_area", area, "at least 0 m^2")
-    return area
+def _numeric(model: mujoco.MjModel, require: _Requirements, name: str, unit: str, *, above: bool = False) -> float:
+    """A number of the file's custom data, at least 0, or above it."""
+    numeric = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    require(numeric >= 0, f"numeric {name}", "absent", f"there, in {unit or 'plain numbers'}")
+    value = float(model.numeric_data[model.numeric_adr[numeric]])
+    require(
+        value > 0 or (value == 0 and not above),
+        f"numeric {name}",
+        value,
+        f"{'above' if above else 'at least'} 0 {unit}".strip(),
+    )
+    return value
 
 
 def _floats(values: Any) -> Any:

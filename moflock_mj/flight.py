@@ -89,12 +89,14 @@ class BodyFigures(NamedTuple):
         tilt_max: rad, largest tilt of a body.
         altitude_error_max: m.
         saturated_share: share of the drones' time in which a rotor was commanded to its limit.
+        energy: J, that all rotors together took.
     """
 
     touched: int
     tilt_max: float
     altitude_error_max: float
     saturated_share: float
+    energy: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -286,4 +288,5 @@ def _body_figures(flock: Flock) -> BodyFigures | None:
         tilt_max=float(np.arccos(np.clip(extremes.upright.min(), -1, 1))),
         altitude_error_max=float(extremes.altitude_error.max()),
         saturated_share=float(extremes.saturated.sum() / drone_steps),
+        energy=float(extremes.energy.sum()),
     )

@@ -14,12 +14,13 @@ from moflock_mj.clocks import Clocks
 from moflock_mj.errors import FlightError, LogError, ScenarioError
 from moflock_mj.loop import Draws, Memory, Record, Stages, fly_beats
 from moflock_mj.order_parameters import Tally, Yardstick, cluster_range
-from moflock_mj.point_mass import PointMass
+from moflock_mj.point_mass import WindyPointMass, make_point_masses
 from moflock_mj.randomness import Streams
 from moflock_mj.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.sensing import SensorModel, SensorState
 from moflock_mj.snapshot import generator_facts, pack, set_generator, unpack
 from moflock_mj.start import start_world
+from moflock_mj.wind import GUST_DRAWS, Wind, make_wind
 
 
 class Flock:
@@ -50,12 +51,15 @@ class Flock:
         clocks = Clocks.of(scenario, self.step)
         world = start_world(scenario, self.streams.start)
         self.body = None
-        plant: NamedTuple = PointMass(self.step, scenario.tau, scenario.a_max, scenario.sigma_outer)
+        self.wind = make_wind(scenario, clocks.steps_per_beat * self.step, self.streams.wind)
+        plant: NamedTuple
         if dynamics == "rigid_body":
             from moflock_mj.rigid_body import RigidBodyFlock  # noqa: PLC0415 - point masses fly without MuJoCo
 
-            self.body = RigidBodyFlock(scenario, self.step, world)
+            self.body = RigidBodyFlock(scenario, self.step, clocks.steps_per_beat, world, self.wind)
             plant = self.body.plant
+        else:
+            plant = make_point_masses(scenario, self.step, world, self.wind)
         self.stages = Stages(
             clocks=clocks,
             plant=plant,
@@ -125,11 +129,17 @@ class Flock:
         """Random numbers for the next beats, the same however a flight is cut into calls."""
         clocks, drones = self.stages.clocks, self.scenario.drones
         ticks = -(-(self.beat + beats) // clocks.sense_every) - -(-self.beat // clocks.sense_every)
+        steps = beats * clocks.steps_per_beat
+        imu = self.body is not None and self.scenario.imu is not None
         lossy = drones if self.stages.sensors.packet_loss > 0 else 0
         return Draws(
             gps=self.streams.sensing.standard_normal((ticks, 2, 2, drones)),
             loss=self.streams.communication.random((ticks, lossy, lossy)),
-            outer=self.streams.disturbance.standard_normal((beats * clocks.steps_per_beat, 2, drones)),
+            fix=self.streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
+            outer=self.streams.disturbance.standard_normal((steps if self.scenario.wind is None else 0, 2, drones)),
+            gust=self.streams.wind.standard_normal((beats if self.scenario.wind else 0, GUST_DRAWS, drones)),
+            inertial=self.streams.inertial.standard_normal((steps if imu else 0, 6, drones), np.float32),
+            walk=self.streams.walk.standard_normal((beats if imu else 0, 6, drones)),
         )
 
     @property
@@ -171,5 +181,14 @@ class Flock:
             "sensor": memory.sensor_state,
             "tally": memory.tally,
         }
-        named = {f"{room}.{name}": array for room, held in rooms.items() for name, array in held._asdict().items()}
+        if isinstance(self.wind, Wind):
+            rooms["wind"] = self.wind
+        if isinstance(self.stages.plant, WindyPointMass):
+            rooms["point_mass"] = self.stages.plant
+        named = {
+            f"{room}.{name}": array
+            for room, held in rooms.items()
+            for name, array in held._asdict().items()
+            if isinstance(array, np.ndarray)
+        }
         return named | {"desired": memory.desired} | (self.body.arrays() if self.body else {})

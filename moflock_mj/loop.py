@@ -11,7 +11,7 @@ from controllers.compiling import entry_kernel, kernel
 from controllers.policy import Sensed, SpeedLimits, desired_velocity
 from moflock_mj.clocks import Clocks
 from moflock_mj.order_parameters import Tally, Yardstick, count_sample, write_running
-from moflock_mj.plant import advance, write_state
+from moflock_mj.plant import Noise, advance, take_fix, write_state
 from moflock_mj.sensing import SensorModel, SensorState, remember, sense
 from moflock_mj.world import World
 
@@ -22,12 +22,22 @@ class Draws(NamedTuple):
     Attributes:
         gps: (ticks, 2, 2, N), N(0, 1).
         loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no packet can be lost.
+        fix: (ticks, 2, N), N(0, 1), of barometer and compass.
         outer: (steps, 2, N), N(0, 1).
+        gust: (beats, 5, N), N(0, 1).
+        inertial: (steps, 6, N), N(0, 1), of gyroscope and accelerometer.
+        walk: (beats, 6, N), N(0, 1), of their biases.
+
+    From `fix` on, the first axis is of length 0 where a flight takes none of a kind.
     """
 
     gps: NDArray[np.float64]
     loss: NDArray[np.float64]
+    fix: NDArray[np.float64]
     outer: NDArray[np.float64]
+    gust: NDArray[np.float64]
+    inertial: NDArray[np.float32]
+    walk: NDArray[np.float64]
 
 
 class Record(NamedTuple):
@@ -115,6 +125,17 @@ def _sample(stages: Stages, memory: Memory, record: Record, beat: int, k: int) -
         write_state(stages.plant, world, record.qpos[k], record.qvel[k])
 
 
+@kernel
+def _noise_of_beat(draws: Draws, beat: int, steps: int) -> Noise:
+    step = beat * steps
+    return Noise(
+        draws.outer[step : step + steps],
+        draws.gust[beat : beat + 1],
+        draws.inertial[step : step + steps],
+        draws.walk[beat : beat + 1],
+    )
+
+
 @entry_kernel
 def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, first: int, count: int) -> None:
     """Fly `count` beats from beat `first`; a flight's first call also samples the start.
@@ -147,11 +168,13 @@ def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, firs
                 draws.loss[tick],
                 memory.sensed,
             )
+            take_fix(stages.plant, memory.sensor_state.velocity_error[0], draws.fix[tick : tick + 1])
             desired_velocity(stages.params, stages.limits, memory.sensed, memory.desired)
             tick += 1
-        step = (beat - first) * clocks.steps_per_beat
-        noise = draws.outer[step : step + clocks.steps_per_beat]
-        advance(stages.plant, world, memory.desired, memory.sensor_state.velocity_error[0], noise)
+        noise = _noise_of_beat(draws, beat - first, clocks.steps_per_beat)
+        advance(
+            stages.plant, world, memory.desired, memory.sensor_state.velocity_error[0], noise, clocks.steps_per_beat
+        )
         if (beat + 1) % clocks.sample_every == 0:
             _sample(stages, memory, record, beat + 1, sample)
             sample += 1

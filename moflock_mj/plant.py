@@ -11,22 +11,51 @@ from controllers.compiling import stage
 from moflock_mj.world import World
 
 
+class Noise(NamedTuple):
+    """Random numbers for one beat, N(0, 1); the first axis is of length 0 where a flight takes none of a kind.
+
+    Attributes:
+        outer: (steps, 2, N), outer noise.
+        gust: (1, 5, N), gusts.
+        inertial: (steps, 6, N), gyroscope and accelerometer.
+        walk: (1, 6, N), their biases.
+    """
+
+    outer: NDArray[np.float64]
+    gust: NDArray[np.float64]
+    inertial: NDArray[np.float32]
+    walk: NDArray[np.float64]
+
+
 @stage
 def advance(
     plant: NamedTuple,
     world: World,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
-    noise: NDArray[np.float64],
+    noise: Noise,
+    steps: int,
 ) -> None:
-    """Move all drones by some integration steps; chosen by the type of `plant`.
+    """Move all drones by one beat; chosen by the type of `plant`.
 
     Args:
         plant: the dynamics.
         world: the true state; written.
         desired: (2, N), m/s, world, the velocity commanded.
         velocity_error: (2, N), m/s, the GPS error in what each drone measures of its own velocity.
-        noise: (steps, 2, N), N(0, 1); as many steps are made.
+        noise: random numbers.
+        steps: integration steps of the beat.
+    """
+
+
+@stage
+def take_fix(plant: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+    """Let each drone correct what it estimates of itself, at every GPS fix; chosen by the type of `plant`.
+
+    Args:
+        plant: the dynamics.
+        velocity_error: (2, N), m/s, the GPS error in what each drone measures of its own velocity.
+        noise: (1, 2, N), N(0, 1), of barometer and compass; (0, 2, N) where a flight takes none.
     """
 
 

@@ -1,4 +1,7 @@
-"""Point-mass dynamics: RobotSim's robot model, a first-order velocity response with bounded acceleration and noise."""
+"""Point-mass dynamics: RobotSim's robot model, a first-order velocity response with bounded acceleration and noise.
+
+Where the wind is on, its force takes the place of the noise.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compiling import implements
-from moflock_mj.plant import advance, write_state
+from controllers.compiling import Off, implements
+from controllers.tuning import Bandwidths, largest_push
+from controllers.velocity import clip_length, observe_axis
+from moflock_mj.plant import Noise, advance, take_fix, write_state
+from moflock_mj.scenario import Scenario
+from moflock_mj.wind import Wind, air_velocity, blow
 from moflock_mj.world import World
 
 
@@ -29,20 +36,79 @@ class PointMass(NamedTuple):
     sigma_outer: float
 
 
+class WindyPointMass(NamedTuple):
+    """A point mass in moving air: the airframe's drag pushes it, and an observer as that of rigid bodies counters it.
+
+    Attributes:
+        step: s.
+        tau: s, time constant of the velocity.
+        a_max: m/s^2, bound of the acceleration that answers a velocity.
+        wind: the air, see `moflock_mj.wind`.
+        body_drag: 1/m, acceleration over airspeed squared.
+        rotor_drag: 1/s, acceleration over airspeed.
+        observer_bandwidth: rad/s.
+        wind_max: m/s^2, bound of the disturbance that the observer counters along each axis.
+        observer: (4, N), predicted velocity (m/s), then disturbance (m/s^2), x and y.
+    """
+
+    step: float
+    tau: float
+    a_max: float
+    wind: NamedTuple
+    body_drag: float
+    rotor_drag: float
+    observer_bandwidth: float
+    wind_max: float
+    observer: NDArray[np.float64]
+
+
+def make_point_masses(scenario: Scenario, step: float, world: World, wind: Wind | Off) -> PointMass | WindyPointMass:
+    """The point masses of a scenario, where `world` has them at the start.
+
+    Raises:
+        AirframeError: with wind on, the airframe is unknown.
+        ScenarioError: the wind is too much for the airframe.
+    """
+    if isinstance(wind, Off):
+        return PointMass(step, scenario.tau, scenario.a_max, scenario.sigma_outer)
+    from moflock_mj.aerodynamics import air_drag, wind_push  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
+    from moflock_mj.airframes import load_airframe  # noqa: PLC0415
+    from moflock_mj.feasibility import check_air  # noqa: PLC0415
+
+    airframe = load_airframe(scenario.airframe)
+    check_air(scenario, airframe)
+    drag = air_drag(scenario, airframe)
+    observer = np.zeros((4, scenario.drones))
+    observer[:2] = world.velocity[:2]
+    observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyFlock`
+    return WindyPointMass(
+        step=step,
+        tau=scenario.tau,
+        a_max=scenario.a_max,
+        wind=wind,
+        body_drag=drag.body / airframe.mass,
+        rotor_drag=drag.rotors / airframe.mass,
+        observer_bandwidth=Bandwidths().observer,
+        wind_max=largest_push(airframe, scenario.tilt_max),
+        observer=observer,
+    )
+
+
 @implements(advance, PointMass)
 def advance_point_masses(
     plant: PointMass,
     world: World,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
-    noise: NDArray[np.float64],
+    noise: Noise,
+    steps: int,
 ) -> None:
     """Euler-Maruyama steps of v' = clip((v_desired - v_measured) / tau, a_max) + outer noise, x' = v."""
     step, kick = plant.step, sqrt(2 * plant.sigma_outer * plant.step)
     x, y, _ = world.position
     vx, vy, _ = world.velocity
-    for k in range(noise.shape[0]):
-        noise_x, noise_y = noise[k]
+    for k in range(steps):
+        noise_x, noise_y = noise.outer[k]
         for i in range(x.size):
             ax = (desired[0, i] - vx[i] - velocity_error[0, i]) / plant.tau
             ay = (desired[1, i] - vy[i] - velocity_error[1, i]) / plant.tau
@@ -53,8 +119,54 @@ def advance_point_masses(
             vy[i] += gain * ay + kick * noise_y[i]
 
 
+@implements(advance, WindyPointMass)
+def advance_in_wind(
+    plant: WindyPointMass,
+    world: World,
+    desired: NDArray[np.float64],
+    velocity_error: NDArray[np.float64],
+    noise: Noise,
+    steps: int,
+) -> None:
+    """Euler steps of v' = clip((v_desired - v_measured) / tau, a_max) - estimated drag + drag, x' = v."""
+    blow(plant.wind, world.velocity, noise.gust)
+    step, position, velocity, observer = plant.step, world.position, world.velocity, plant.observer
+    gain, disturbance_gain = 2 * plant.observer_bandwidth, plant.observer_bandwidth**2
+    for _ in range(steps):
+        for i in range(position.shape[1]):
+            measured = (velocity[0, i] + velocity_error[0, i], velocity[1, i] + velocity_error[1, i])
+            wanted = clip_length(
+                (desired[0, i] - measured[0]) / plant.tau, (desired[1, i] - measured[1]) / plant.tau, plant.a_max
+            )
+            air = air_velocity(plant.wind, i)
+            wind_x, wind_y = air[0] - velocity[0, i], air[1] - velocity[1, i]
+            drag = plant.body_drag * sqrt(wind_x * wind_x + wind_y * wind_y) + plant.rotor_drag
+            pushed = (drag * wind_x, drag * wind_y)
+            for axis in range(2):
+                push = wanted[axis] - observer[2 + axis, i]
+                observer[axis, i], observer[2 + axis, i] = observe_axis(
+                    observer[axis, i],
+                    observer[2 + axis, i],
+                    measured[axis],
+                    push,
+                    gain,
+                    disturbance_gain,
+                    plant.wind_max,
+                    step,
+                )
+                position[axis, i] += step * velocity[axis, i]
+                velocity[axis, i] += step * (push + pushed[axis])
+
+
+@implements(take_fix, PointMass)
+@implements(take_fix, WindyPointMass)
+def _take_no_fix(plant: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+    pass
+
+
 @implements(write_state, PointMass)
-def write_point_masses(plant: PointMass, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:  # noqa: ARG001
+@implements(write_state, WindyPointMass)
+def write_point_masses(plant: NamedTuple, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:  # noqa: ARG001
     for i in range(qpos.shape[0]):
         for axis in range(3):
             qpos[i, axis] = world.position[axis, i]

@@ -54,33 +54,44 @@ def quantity(default: Any, unit: str, help: str, **bounds: Any) -> Any:
     return dataclasses.field(default=default, metadata={"bounds": Bounds(unit=unit, help=help, **bounds)})
 
 
-def check_fields(record: Any, error: type[MoflockError]) -> None:
+def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> None:
     """Check every field of a frozen dataclass, and store whole numbers of real fields as floats.
+
+    Args:
+        record: the object.
+        error: what is raised.
+        prefix: put before the fields' names in the error.
 
     Raises:
         MoflockError: (`error`) one line that names the field, the value and the limit.
     """
     for field in dataclasses.fields(record):
-        value = _typed(field, getattr(record, field.name), error)
+        name, value = prefix + field.name, getattr(record, field.name)
+        if "section" in field.metadata:
+            kind = field.metadata["section"]
+            if value is not None and not isinstance(value, kind):
+                raise error(f"{name}: {value!r} is of the wrong type: it must be a {kind.__name__}, or None")
+            continue
+        value = _typed(field, name, value, error)
         bounds: Bounds = field.metadata["bounds"]
         if value is not None and not bounds.admits(value):
-            raise error(f"{field.name}: {value!r} is out of bounds: it must be {bounds.limit()}")
+            raise error(f"{name}: {value!r} is out of bounds: it must be {bounds.limit()}")
         object.__setattr__(record, field.name, value)
 
 
-def check_keys(given: Iterable[str], allowed: Iterable[str], error: type[MoflockError]) -> None:
-    """Refuse names that are not allowed, with the nearest one that is."""
+def check_keys(given: Iterable[str], allowed: Iterable[str], error: type[MoflockError], prefix: str = "") -> None:
+    """Refuse names that are not allowed, with the nearest one that is; `prefix` stands before them in the error."""
     names = list(allowed)
     for name in given:
         if name not in names:
             near = get_close_matches(name, names, n=1)
             hint = f"did you mean {near[0]}?" if near else "known are " + ", ".join(names)
-            raise error(f"{name}: unknown name; {hint}")
+            raise error(f"{prefix}{name}: unknown name; {hint}")
 
 
-def _typed(field: dataclasses.Field[Any], value: Any, error: type[MoflockError]) -> Any:
+def _typed(field: dataclasses.Field[Any], name: str, value: Any, error: type[MoflockError]) -> Any:
     """The value as the field's own type (annotations are texts such as "float | None")."""
-    wanted = [name.strip() for name in str(field.type).split("|")]
+    wanted = [kind.strip() for kind in str(field.type).split("|")]
     if value is None and "None" in wanted:
         return None
     if wanted[0] == "bool" and isinstance(value, bool):
@@ -92,7 +103,7 @@ def _typed(field: dataclasses.Field[Any], value: Any, error: type[MoflockError])
         return int(value)
     if wanted[0] == "float" and number:
         if not math.isfinite(value):
-            raise error(f"{field.name}: {value!r} is not a finite number")
+            raise error(f"{name}: {value!r} is not a finite number")
         return float(value)
     kinds = {"bool": "true or false", "str": "a text", "int": "a whole number", "float": "a number"}
-    raise error(f"{field.name}: {value!r} is of the wrong type: it must be {kinds[wanted[0]]}")
+    raise error(f"{name}: {value!r} is of the wrong type: it must be {kinds[wanted[0]]}")

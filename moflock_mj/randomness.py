@@ -14,6 +14,10 @@ class Streams(NamedTuple):
     sensing: np.random.Generator
     communication: np.random.Generator
     disturbance: np.random.Generator
+    wind: np.random.Generator
+    inertial: np.random.Generator
+    walk: np.random.Generator
+    fix: np.random.Generator
 
     @classmethod
     def of(cls, seed: int) -> Streams:

@@ -12,17 +12,30 @@ from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
 from controllers.cascade import OBSERVER_SIZE, Gains, rotor_wrench, track_velocity
-from controllers.compiling import hot_kernel, implements, kernel
-from controllers.tuning import TuningError, design_gains
+from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel
+from controllers.tuning import TuningError, design_gains, largest_push
+from moflock_mj.aerodynamics import (
+    AirDrag,
+    add_drag,
+    air_force_bound,
+    ground_lift,
+    make_drag,
+    make_ground,
+    make_jets,
+    wash,
+    washed,
+    wind_push,
+)
 from moflock_mj.airframes import flock_model, load_airframe
+from moflock_mj.battery import battery_lift, drain, make_cells, power_factor, rotor_power
 from moflock_mj.errors import AirframeError
+from moflock_mj.feasibility import check_air
+from moflock_mj.inertial import Sensors, believed, feel, make_sensors, take_bearings, walk_biases
 from moflock_mj.mujoco_link import mj_step
-from moflock_mj.plant import advance, write_state
+from moflock_mj.plant import Noise, advance, take_fix, write_state
 from moflock_mj.scenario import Scenario
+from moflock_mj.wind import Wind, blow
 from moflock_mj.world import World
-
-AIR_DENSITY = 1.225
-"""kg/m^3 at sea level (ISO 2533, International Standard Atmosphere)."""
 
 _MUJOCO_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -40,6 +53,8 @@ class Extremes(NamedTuple):
         touch_step: (N,), step of the first touch, -1 before it.
         touch_with: (N,), the other drone, or GROUND.
         steps: (1,), steps made.
+        energy: (N,), J, that the rotors took from the battery.
+        power: (N,), W, that they take now.
     """
 
     upright: NDArray[np.float64]
@@ -48,6 +63,18 @@ class Extremes(NamedTuple):
     touch_step: NDArray[np.int64]
     touch_with: NDArray[np.int64]
     steps: NDArray[np.int64]
+    energy: NDArray[np.float64]
+    power: NDArray[np.float64]
+
+
+class OuterNoise(NamedTuple):
+    """White noise on the bodies.
+
+    Attributes:
+        force: N, its deviation in one step.
+    """
+
+    force: float
 
 
 class RigidBody(NamedTuple):
@@ -57,14 +84,21 @@ class RigidBody(NamedTuple):
         gains: of the controllers, with the vehicle's figures.
         step: s.
         altitude: m, to be held.
-        noise_force: N, deviation of the outer noise in one step.
-        drag: kg/m, quadratic drag: force over speed squared.
+        outer: the outer noise, or Off.
+        wind: the air, see `moflock_mj.wind`.
+        drag: of the air, see `moflock_mj.aerodynamics`, or Off; so are downwash and ground.
+        downwash: of the drones on those below them.
+        ground: under the rotors.
+        battery: of each drone, see `moflock_mj.battery`, or Off.
+        power_factor: W/N^1.5, see `moflock_mj.battery`.
+        sensors: on board, see `moflock_mj.inertial`, or Off.
         reach: m, from a body's centre to the farthest point of its collision shape.
         model: address of the model.
         model_apart: address of the same model without collision detection.
         data: address of the data.
         qpos: (N, 7), position m world, quaternion w x y z.
         qvel: (N, 6), velocity m/s world, body rates rad/s body.
+        qacc: (N, 6), acceleration m/s^2 world, angular rad/s^2 body, of the latest step.
         qfrc_applied: (N, 6), force N world, torque N m body.
         qfrc_constraint: (N, 6), what contacts did in the latest step, same frames.
         thrust: (N, 4), N, of the rotors.
@@ -76,14 +110,21 @@ class RigidBody(NamedTuple):
     gains: Gains
     step: float
     altitude: float
-    noise_force: float
-    drag: float
+    outer: NamedTuple
+    wind: NamedTuple
+    drag: NamedTuple
+    downwash: NamedTuple
+    ground: NamedTuple
+    battery: NamedTuple
+    power_factor: float
+    sensors: NamedTuple
     reach: float
     model: int
     model_apart: int
     data: int
     qpos: NDArray[np.float64]
     qvel: NDArray[np.float64]
+    qacc: NDArray[np.float64]
     qfrc_applied: NDArray[np.float64]
     qfrc_constraint: NDArray[np.float64]
     thrust: NDArray[np.float64]
@@ -102,10 +143,11 @@ def _may_touch(plant: RigidBody, steps: int) -> bool:
         vx, vy, vz = plant.qvel[i, 0], plant.qvel[i, 1], plant.qvel[i, 2]
         fastest_sq = max(fastest_sq, vx * vx + vy * vy + vz * vz)
         lowest = min(lowest, plant.qpos[i, 2])
-    # Full thrust along gravity, and ten deviations of the outer noise's velocity.
-    gusts = 10 * plant.noise_force / gains.mass * plant.step * sqrt(steps)
+    # Full thrust along gravity, ten deviations of the outer noise's velocity, and what the air can do.
+    gusts = 10 * outer_force(plant.outer) / gains.mass * plant.step * sqrt(steps)
     thrust_acceleration = ROTORS * gains.thrust_max / gains.mass
     speed = sqrt(fastest_sq) + gusts + duration * (thrust_acceleration + 9.81)
+    speed += duration * air_force_bound(plant.drag, plant.wind, plant.downwash, speed, drones) / gains.mass
     way = plant.reach + duration * speed
     if lowest < way:
         return True
@@ -120,30 +162,68 @@ def _may_touch(plant: RigidBody, steps: int) -> bool:
 
 
 @hot_kernel
-def _push(plant: RigidBody, i: int, noise_x: float, noise_y: float) -> None:
-    """Apply the rotors' wrench and the outer noise to body i; then let the rotors follow their commands.
+def _push(plant: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
+    """Apply the rotors' wrench, the outer noise and the downwash to body i; then let the rotors follow their commands.
 
-    As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag.
+    As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag. `plant.thrust`
+    is what the controller believes; battery and ground make more or less of it, which its observer takes for a
+    disturbance.
     """
     gains, qpos, force, thrust = plant.gains, plant.qpos, plant.qfrc_applied, plant.thrust
-    total, force[i, 3], force[i, 4], force[i, 5] = rotor_wrench(gains, thrust[i])
+    lift = battery_lift(plant.battery, i) * ground_lift(plant.ground, qpos[i, 2])
+    total, torque_x, torque_y, torque_z = rotor_wrench(gains, thrust[i])
+    total *= lift
+    noise_x, noise_y = draw_force(plant.outer, noise, k, i)
     qw, qx, qy, qz = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
-    force[i, 0] = 2 * (qx * qz + qw * qy) * total + plant.noise_force * noise_x
-    force[i, 1] = 2 * (qy * qz - qw * qx) * total + plant.noise_force * noise_y
-    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total
+    force[i, 0] = 2 * (qx * qz + qw * qy) * total + noise_x
+    force[i, 1] = 2 * (qy * qz - qw * qx) * total + noise_y
+    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total - washed(plant.downwash, i)
+    force[i, 3], force[i, 4], force[i, 5] = lift * torque_x, lift * torque_y, lift * torque_z
     for rotor in range(ROTORS):
         thrust[i, rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[i, rotor])
 
 
-@hot_kernel
-def _drag(plant: RigidBody, i: int) -> None:
-    """Add the drag of still air to the force on body i."""
-    qvel, force = plant.qvel, plant.qfrc_applied
-    vx, vy, vz = qvel[i, 0], qvel[i, 1], qvel[i, 2]
-    drag = plant.drag * sqrt(vx * vx + vy * vy + vz * vz)
-    force[i, 0] -= drag * vx
-    force[i, 1] -= drag * vy
-    force[i, 2] -= drag * vz
+@hot_stage
+def draw_force(outer: NamedTuple, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
+    """Force of the outer noise on body i in step k, N, x and y; chosen by the type of `outer`."""
+    raise NotImplementedError
+
+
+@hot_stage
+def outer_force(outer: NamedTuple) -> float:
+    """Deviation of the outer noise's force, N; chosen by the type of `outer`."""
+    raise NotImplementedError
+
+
+@implements(draw_force, Off)
+def _draw_nothing(outer: Off, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:  # noqa: ARG001
+    return 0.0, 0.0
+
+
+@implements(draw_force, OuterNoise)
+def _draw_force(outer: OuterNoise, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
+    return outer.force * noise[k, 0, i], outer.force * noise[k, 1, i]
+
+
+@implements(outer_force, Off)
+def _no_outer_force(outer: Off) -> float:  # noqa: ARG001
+    return 0.0
+
+
+@implements(outer_force, OuterNoise)
+def _outer_force(outer: OuterNoise) -> float:
+    return outer.force
+
+
+@kernel
+def _meter(plant: RigidBody, duration: float) -> None:
+    """Count the energy that the rotors take in a beat, at their power now."""
+    thrust, extremes = plant.thrust, plant.extremes
+    for i in range(thrust.shape[0]):
+        lift = battery_lift(plant.battery, i)
+        a, b, c, d = lift * thrust[i, 0], lift * thrust[i, 1], lift * thrust[i, 2], lift * thrust[i, 3]
+        extremes.power[i] = rotor_power(plant.power_factor, a, b, c, d)
+        extremes.energy[i] += extremes.power[i] * duration
 
 
 @hot_kernel
@@ -192,23 +272,30 @@ def advance_rigid_bodies(
     world: World,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
-    noise: NDArray[np.float64],
+    noise: Noise,
+    steps: int,
 ) -> None:
-    """Controllers, rotors and MuJoCo, step by step."""
+    """Controllers, rotors and MuJoCo, step by step; air and battery change once in a beat."""
     drones = plant.qpos.shape[0]
-    collisions = _may_touch(plant, noise.shape[0])
+    blow(plant.wind, world.velocity, noise.gust)
+    wash(plant.downwash, plant.qpos)
+    _meter(plant, steps * plant.step)
+    drain(plant.battery, plant.extremes.power, steps * plant.step)
+    walk_biases(plant.sensors, noise.walk)
+    qpos, qvel, error = believed(plant.sensors, plant.qpos, plant.qvel, velocity_error)
+    collisions = _may_touch(plant, steps)
     model = plant.model if collisions else plant.model_apart
-    for k in range(noise.shape[0]):
+    for k in range(steps):
         for i in range(drones):
             track_velocity(
                 plant.gains,
                 desired[0, i],
                 desired[1, i],
                 plant.altitude,
-                plant.qvel[i, 0] + velocity_error[0, i],
-                plant.qvel[i, 1] + velocity_error[1, i],
-                plant.qpos[i],
-                plant.qvel[i],
+                qvel[i, 0] + error[0, i],
+                qvel[i, 1] + error[1, i],
+                qpos[i],
+                qvel[i],
                 plant.thrust[i],
                 plant.observer[i],
                 plant.thrust_command[i],
@@ -216,11 +303,10 @@ def advance_rigid_bodies(
         # A loop of its own: the two together compile to slower code.
         for i in range(drones):
             _watch(plant, i)
-            _push(plant, i, noise[k, 0, i], noise[k, 1, i])
-        if plant.drag > 0:
-            for i in range(drones):
-                _drag(plant, i)
+            _push(plant, noise.outer, k, i)
+        add_drag(plant.drag, plant.wind, plant.qpos, plant.qvel, plant.thrust, plant.qfrc_applied)
         mj_step(model, plant.data)
+        feel(plant.sensors, plant.qpos, plant.qvel, plant.qacc, noise.inertial, k)
         plant.extremes.steps[0] += 1
         if collisions:
             _mark_touches(plant)
@@ -229,6 +315,11 @@ def advance_rigid_bodies(
             world.position[axis, i] = plant.qpos[i, axis]
             world.velocity[axis, i] = plant.qvel[i, axis]
         world.touched[i] = plant.extremes.touch_step[i] >= 0
+
+
+@implements(take_fix, RigidBody)
+def _take_fix(plant: RigidBody, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+    take_bearings(plant.sensors, plant.qpos, plant.qvel, velocity_error, noise)
 
 
 @implements(write_state, RigidBody)
@@ -243,14 +334,18 @@ class RigidBodyFlock:
     Args:
         scenario: what is flown.
         step: integration step, s.
+        beat: integration steps of a beat.
         world: where the drones start, level, with their rotors at hover.
+        wind: the air, see `moflock_mj.wind`.
 
     Raises:
         AirframeError: the airframe is unknown, or too weak for the scenario.
+        ScenarioError: the air is too much for the airframe.
     """
 
-    def __init__(self, scenario: Scenario, step: float, world: World) -> None:
+    def __init__(self, scenario: Scenario, step: float, beat: int, world: World, wind: Wind | Off) -> None:
         airframe = load_airframe(scenario.airframe)
+        check_air(scenario, airframe)
         try:
             self.design = design_gains(
                 airframe, step=step, tau=scenario.tau, a_max=scenario.a_max, tilt_max=scenario.tilt_max
@@ -263,18 +358,28 @@ class RigidBodyFlock:
         self.model_apart.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         self.data = mujoco.MjData(self.model)
         gains = self.design.gains
+        if isinstance(wind, Wind):
+            gains = gains._replace(wind_max=largest_push(airframe, scenario.tilt_max))
+        drag, calm = make_drag(scenario, airframe), isinstance(wind, Off)
         self.plant = RigidBody(
             gains=gains,
             step=step,
             altitude=scenario.altitude,
-            noise_force=airframe.mass * sqrt(2 * scenario.sigma_outer / step),
-            drag=AIR_DENSITY * airframe.drag_area / 2 if scenario.air_drag else 0.0,
+            outer=OuterNoise(airframe.mass * sqrt(2 * scenario.sigma_outer / step)) if calm else Off(),
+            wind=wind,
+            drag=drag,
+            downwash=make_jets(scenario, airframe),
+            ground=make_ground(scenario, airframe),
+            battery=make_cells(scenario, airframe),
+            power_factor=power_factor(airframe),
+            sensors=make_sensors(scenario, step, beat * step, world),
             reach=sqrt(airframe.radius**2 + airframe.half_height**2),
             model=self.model._address,
             model_apart=self.model_apart._address,
             data=self.data._address,
             qpos=self.data.qpos.reshape(drones, 7),
             qvel=self.data.qvel.reshape(drones, 6),
+            qacc=self.data.qacc.reshape(drones, 6),
             qfrc_applied=self.data.qfrc_applied.reshape(drones, 6),
             qfrc_constraint=self.data.qfrc_constraint.reshape(drones, 6),
             thrust=np.full((drones, ROTORS), airframe.hover_thrust()),
@@ -287,12 +392,17 @@ class RigidBodyFlock:
                 touch_step=np.full(drones, -1),
                 touch_with=np.full(drones, -1),
                 steps=np.zeros(1, np.int64),
+                energy=np.zeros(drones),
+                power=np.zeros(drones),
             ),
         )
         self.plant.qpos[:, :3] = world.position.T
         self.plant.qpos[:, 3:] = (1, 0, 0, 0)
         self.plant.qvel[:, :3] = world.velocity.T
         self.plant.observer[:, :3] = world.velocity.T
+        if isinstance(wind, Wind) and isinstance(drag, AirDrag):
+            # The mean wind has been held before the flight starts; the observers need not find it first.
+            self.plant.observer[:, 3:5] = wind_push(drag, wind.speed, airframe.mass) * wind.along
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Every array that changes in flight, by name; MuJoCo's own state is a copy, see `load_mujoco`."""
@@ -300,6 +410,10 @@ class RigidBodyFlock:
         named = {"thrust": plant.thrust, "thrust_command": plant.thrust_command, "observer": plant.observer}
         mujoco_state = np.empty(mujoco.mj_stateSize(self.model, _MUJOCO_STATE))
         mujoco.mj_getState(self.model, self.data, mujoco_state, _MUJOCO_STATE)
+        for effect in (plant.downwash, plant.battery):
+            named |= {name: held for name, held in effect._asdict().items() if isinstance(held, np.ndarray)}
+        if isinstance(plant.sensors, Sensors):
+            named |= plant.sensors.arrays()
         named |= plant.extremes._asdict()
         return {"mujoco": mujoco_state} | {f"body.{name}": array for name, array in named.items()}
 

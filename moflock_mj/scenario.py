@@ -6,11 +6,14 @@ import dataclasses
 import json
 import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from moflock_mj.air import Battery, Downwash, Drag, GroundEffect, Imu, Wind
 from moflock_mj.errors import ScenarioError
 from moflock_mj.quantities import check_fields, check_keys, quantity
+from moflock_mj.sections import Section, section
 
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
 """Integration step of each dynamics where the scenario names none, in s."""
@@ -56,14 +59,20 @@ class Scenario:
 
     tau: float = quantity(1.0, "s", "time constant of the velocity's response", low=0.05, high=60)
     a_max: float = quantity(6.0, "m/s^2", "bound of the commanded acceleration", low=0, open_low=True, high=100)
-    sigma_outer: float = quantity(0.2, "m^2/s^3", "strength of the outer noise", low=0, high=100)
+    sigma_outer: float = quantity(0.2, "m^2/s^3", "strength of the outer noise; wind replaces it", low=0, high=100)
     tilt_max: float = quantity(math.radians(45), "rad", "bound of a body's commanded tilt", low=0.05, high=1.4)
-    air_drag: bool = quantity(False, "1", "whether bodies feel quadratic drag of still air at sea level")
 
     r_coll: float = quantity(3.0, "m", "two drones closer than this count as a collision", low=0, high=1e3)
     v_tol: float = quantity(2.25, "m/s", "tolerance of F_speed", low=0, open_low=True, high=100)
     a_tol: float = quantity(0.0003, "1", "tolerance of F_coll", low=0, open_low=True, high=1)
     r_tol: float = quantity(5.0, "m", "tolerance of F_wall", low=0, open_low=True, high=1e4)
+
+    wind: Wind | None = section(Wind, "moving air, in place of the outer noise")
+    drag: Drag | None = section(Drag, "drag of rigid bodies and their rotors; with wind it is on anyway")
+    downwash: Downwash | None = section(Downwash, "what a drone's rotors blow at those below it; rigid bodies")
+    ground_effect: GroundEffect | None = section(GroundEffect, "more thrust close above the ground; rigid bodies")
+    battery: Battery | None = section(Battery, "voltage falls with charge and current, thrust with it; rigid bodies")
+    imu: Imu | None = section(Imu, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies")
 
     def __post_init__(self) -> None:
         check_fields(self, ScenarioError)
@@ -103,8 +112,31 @@ class Scenario:
             values = tomllib.loads(text)
         except tomllib.TOMLDecodeError as problem:
             raise ScenarioError(f"not TOML: {problem}") from None
+        return cls.from_dict(values)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Scenario:
+        """A scenario from its fields by name, sections as mappings or None; what is left out keeps its default.
+
+        Raises:
+            ScenarioError: there is a field or a value that a scenario does not have.
+        """
         check_keys(values, cls.field_names(), ScenarioError)
-        return cls(**values)
+        fields = dict(values)
+        for name, kind in cls.sections().items():
+            if fields.get(name) is not None:
+                fields[name] = kind.read(fields[name])
+        return cls(**fields)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields by name as JSON values, as `from_dict` reads them."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def sections(cls) -> dict[str, type[Section]]:
+        """The sections by name."""
+        kinds = {field.name: field.metadata.get("section") for field in dataclasses.fields(cls)}
+        return {name: kind for name, kind in kinds.items() if kind is not None}
 
     @classmethod
     def load(cls, path: str | Path) -> Scenario:
@@ -122,15 +154,13 @@ class Scenario:
             raise ScenarioError(f"scenario {path}: {problem}") from None
 
     def to_toml(self) -> str:
-        """The scenario as TOML, each field with its unit, bounds and meaning in a comment."""
-        lines = []
+        """The scenario as TOML, each field with its unit, bounds and meaning in a comment; tables come last."""
+        lines = [_toml_line(self, field) for field in dataclasses.fields(self) if "section" not in field.metadata]
         for field in dataclasses.fields(self):
-            value, bounds = getattr(self, field.name), field.metadata["bounds"]
-            comment = "; ".join(part for part in (bounds.help, bounds.limit()) if part)
-            if value is None:
-                lines.append(f"# {field.name} = ...  # {comment}")
-            else:
-                lines.append(f"{field.name} = {json.dumps(value)}  # {comment}")
+            if "section" in field.metadata:
+                held, off = getattr(self, field.name), getattr(self, field.name) is None
+                lines += ["", f"{'# ' * off}[{field.name}]  # {'off: ' * off}{field.metadata['bounds'].help}"]
+                lines += [_toml_line(held, inner) for inner in dataclasses.fields(held)] if not off else []
         return "\n".join(lines) + "\n"
 
     def _check_periods(self, step: float) -> None:
@@ -141,3 +171,11 @@ class Scenario:
         value = getattr(self, name)
         if abs(value / period - round(value / period)) > 1e-6:
             raise ScenarioError(f"{name}: {value:g} s is no whole multiple of the {of}, {period:g} s")
+
+
+def _toml_line(record: Any, field: dataclasses.Field[Any]) -> str:
+    value, bounds = getattr(record, field.name), field.metadata["bounds"]
+    comment = "; ".join(part for part in (bounds.help, bounds.limit()) if part)
+    if value is None:
+        return f"# {field.name} = ...  # {comment}"
+    return f"{field.name} = {json.dumps(value)}  # {comment}"

@@ -161,7 +161,8 @@ def _closing_lines(flight: Flight) -> list[str]:
         lines.append(
             f"touched: {body.touched} of {flight.scenario.drones} drones; largest tilt "
             f"{math.degrees(body.tilt_max):.1f} deg; largest altitude error {body.altitude_error_max:.2f} m; "
-            f"a rotor at its limit {100 * body.saturated_share:.2g} % of the time"
+            f"a rotor at its limit {100 * body.saturated_share:.2g} % of the time; "
+            f"{body.energy / 3600:.4g} Wh taken"
         )
     if flight.log:
         lines.append(f"log: {flight.log}")

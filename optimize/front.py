@@ -100,7 +100,7 @@ class FlownFront:
         """As `load_front` reads it."""
         content = {
             "objectives": json.loads(self.objectives.to_json()),
-            "scenario": dataclasses.asdict(self.scenario),
+            "scenario": self.scenario.to_dict(),
             "dynamics": self.dynamics,
             "seeds": self.seeds,
             "points": self.points.tolist(),
@@ -186,7 +186,7 @@ def load_front(path: str | Path) -> FlownFront:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         return FlownFront(
             objectives=Objectives.from_json(json.dumps(content["objectives"])),
-            scenario=Scenario().replace(**content["scenario"]),
+            scenario=Scenario.from_dict(content["scenario"]),
             dynamics=content["dynamics"],
             seeds=tuple(content["seeds"]),
             points=np.array(content["points"], np.float64),
@@ -287,5 +287,5 @@ def point_json(front: FlownFront, number: int, *, rule: str) -> str:
 
 def _changes(scenario: Scenario) -> dict[str, Any]:
     """The fields in which a scenario differs from the paper's."""
-    ours, papers = dataclasses.asdict(scenario), dataclasses.asdict(Scenario())
+    ours, papers = scenario.to_dict(), Scenario().to_dict()
     return {name: value for name, value in ours.items() if value != papers[name]}

@@ -86,7 +86,7 @@ class Objectives:
         """As `from_json` reads it."""
         content: dict[str, Any] = {"objectives": dict(zip(self.names, map(list, self.groups), strict=True))}
         if self.scenario is not None:
-            content["scenario"] = dataclasses.asdict(self.scenario)
+            content["scenario"] = self.scenario.to_dict()
         return json.dumps(content, indent=1) + "\n"
 
     @classmethod
@@ -153,6 +153,6 @@ def _scenario_of(fields: Any) -> Scenario | None:
     if not isinstance(fields, Mapping):
         raise SearchError("objectives: scenario: it must be an object of a scenario's fields")
     try:
-        return Scenario().replace(**fields)
+        return Scenario.from_dict(fields)
     except ScenarioError as problem:
         raise SearchError(f"objectives: scenario: {problem}") from None

@@ -139,3 +139,132 @@ def order_parameters(positions, velocities, params: FlockingParams, scenario: Sc
         disc.append(counts.count(0))
         cluster.append(min(counts))
     return [float(np.mean(values)) if values else 0.0 for values in (wall, vel, corr, coll, disc, cluster)]
+
+
+def dryden_correlation(lateral, lag, scale_time):
+    """Of the gusts along the wind, or across and up (lateral): the Fourier transforms of their spectra."""
+    ratio = lag / scale_time
+    return math.exp(-ratio) * (1 - ratio / 2 if lateral else 1)
+
+
+def next_gusts(gusts, wind, velocities, draws):
+    """The air's velocity (N, 3) one period on, from (u, p_v, q_v, p_w, q_w) of each drone; changes `gusts` (N, 5)."""
+    air = []
+    for i, (state, velocity, xi) in enumerate(zip(gusts, velocities, draws, strict=True)):
+        airspeed = max(np.linalg.norm(velocity - wind.velocity[:, i]), 1.0)
+        ratio = airspeed * wind.period / wind.length_u
+        state[0] = math.exp(-ratio) * state[0] + math.sqrt(1 - math.exp(-2 * ratio)) * xi[0]
+        for first, length in ((1, wind.length_u), (3, wind.length_w)):
+            ratio = airspeed * wind.period / length
+            transition = math.exp(-ratio) * np.array([[1, 0], [ratio, 1]])
+            stationary = np.array([[2, 1], [1, 1]]) / 4
+            gathered = np.linalg.cholesky(stationary - transition @ stationary @ transition.T)
+            state[first : first + 2] = transition @ state[first : first + 2] + gathered @ xi[first : first + 2]
+        u, v, w = state[0], *(math.sqrt(3) * state[k] + (1 - math.sqrt(3)) * state[k + 1] for k in (1, 3))
+        along = np.append(wind.along, 0)
+        across = np.array([-wind.along[1], wind.along[0], 0])
+        air.append(
+            np.append(wind.speed * wind.along, 0)
+            + wind.sigma_u * (u * along + v * across)
+            + wind.sigma_w * w * np.eye(3)[2]
+        )
+    return np.array(air)
+
+
+def drag_force(body, rotors, weight, rotation, airspeed, thrust):
+    """N, world, on one drone: of the body (kg/m) and of the rotors (kg/s in hover) along their plane."""
+    axis = rotation[:, 2]
+    in_plane = airspeed - (airspeed @ axis) * axis
+    return -body * np.linalg.norm(airspeed) * airspeed - rotors * math.sqrt(thrust / weight) * in_plane
+
+
+def jet_speed(thrust, fastest, below, beside):
+    """m/s, in the jet of a hovering drone."""
+    axis = min(5.8 * math.sqrt(4 * thrust / (math.pi * 1.225)) / below, fastest)
+    return axis / (1 + (math.sqrt(2) - 1) * (beside / below / 0.094) ** 2) ** 2
+
+
+def wash_forces(jets, positions):
+    """(N,), N, downwards."""
+    forces = np.zeros(len(positions))
+    for i, lower in enumerate(positions):
+        for upper in positions:
+            below, beside = upper[2] - lower[2], math.hypot(*(upper - lower)[:2])
+            if below > 0 and beside < 0.5 * below:
+                forces[i] += jets.drag * jet_speed(jets.thrust, jets.fastest, below, beside) ** 2
+    return forces
+
+
+def battery_under_load(open_circuit, resistance, power):
+    """Voltage and current at which the terminals give the power: found by going back and forth between the two."""
+    voltage = open_circuit
+    for _ in range(200):
+        voltage = open_circuit - resistance * power / voltage
+    return voltage, power / voltage
+
+
+@dataclass
+class Navigator:
+    """What one drone believes, with vectors and matrices."""
+
+    gains: object
+    step: float
+    rotation: np.ndarray
+    velocity: np.ndarray
+    height: float
+    rates: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rate_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    lift_bias: float = 0.0
+
+    def integrate(self, rates, force):
+        self.rates = rates - self.rate_bias
+        self.rotation = self.rotation @ rotation_by(self.step * self.rates)
+        acceleration = self.rotation @ force - (0, 0, 9.81 + self.lift_bias)
+        self.velocity = self.velocity + self.step * acceleration
+        self.height += self.step * self.velocity[2]
+
+    def correct(self, velocity, height, heading):
+        off = np.append(velocity - self.velocity[:2], height - self.height)
+        turn = heading - math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+        turn = math.atan2(math.sin(turn), math.cos(turn))
+        g, before = self.gains, self.rotation
+        self.velocity = self.velocity + np.array([g.velocity, g.velocity, g.climb]) * off
+        self.height += g.height * off[2]
+        self.lift_bias += g.lift_bias * off[2]
+        self.rotation = rotation_by(np.array([-g.tilt * off[1], g.tilt * off[0], g.heading * turn])) @ before
+        bias = np.array([-g.tilt_bias * off[1], g.tilt_bias * off[0], g.heading_bias * turn])
+        self.rate_bias = self.rate_bias + before.T @ bias
+
+
+def rotation_by(turn):
+    """Rotation matrix of a rotation vector, rad (Rodrigues)."""
+    angle = np.linalg.norm(turn)
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = turn / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def quaternion_matrix(q):
+    """Rotation matrix, body to world, of w x y z."""
+    w, *v = q
+    x, y, z = v
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def point_mass_in_wind(state, observer, desired, air, figures, step):
+    """Position, velocity and observer of one drone (2,) a step on; figures: tau, a_max, body 1/m, rotors 1/s, observer
+    rad/s, bound of the disturbance m/s^2.
+    """
+    (x, v), (predicted, disturbance) = state, observer
+    tau, a_max, body, rotors, bandwidth, bound = figures
+    wanted = (desired - v) / tau
+    wanted = wanted * min(1, a_max / max(np.linalg.norm(wanted), 1e-300))
+    against = air - v
+    pushed = (body * np.linalg.norm(against) + rotors) * against
+    innovation, own = v - predicted, wanted - disturbance
+    predicted = predicted + step * (own + disturbance + 2 * bandwidth * innovation)
+    next_disturbance = np.clip(disturbance + step * bandwidth**2 * innovation, -bound, bound)
+    return (x + step * v, v + step * (own + pushed)), (predicted, next_disturbance)

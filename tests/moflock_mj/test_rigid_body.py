@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point
+from moflock_mj.aerodynamics import AIR_DENSITY
+from moflock_mj.air import Drag
 from moflock_mj.airframes import airframe_names, load_airframe
 from moflock_mj.errors import FlightError
 from moflock_mj.flock import Flock
-from moflock_mj.rigid_body import AIR_DENSITY, GROUND
+from moflock_mj.rigid_body import GROUND
 
 POINT = paper_point("model_optimum")
 CALM = Scenario(drones=4, duration=10.0, arena_side=200.0, sigma_outer=0.0, sigma_inner=0.0)
@@ -58,7 +60,7 @@ def test_free_fall():
 
 
 def test_terminal_speed_under_drag():
-    scenario = CALM.replace(drones=1, duration=30.0, altitude=2000.0, air_drag=True)
+    scenario = CALM.replace(drones=1, duration=30.0, altitude=2000.0, drag=Drag(rotor=0.0))
     flock = flock_of(scenario)
     rotors_off(flock)
     record = flock.fly(30.0)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 
 import pytest
 
 from moflock_mj import Scenario
+from moflock_mj.air import Imu, Wind
 from moflock_mj.clocks import Clocks
 from moflock_mj.errors import ScenarioError
 
@@ -36,14 +38,31 @@ def test_a_scenario_is_frozen_and_keyword_only():
 
 
 def test_toml_there_and_back():
-    scenario = Scenario(drones=7, step=0.02, start="moflock", air_drag=True, airframe="crazyflie")
+    scenario = Scenario(drones=7, step=0.02, start="moflock", wind=Wind(speed=8.0), imu=Imu(), airframe="crazyflie")
     assert Scenario.from_toml(scenario.to_toml()) == scenario
     assert Scenario.from_toml("") == Scenario()
     assert Scenario.from_toml("arena_side = 300") == Scenario(arena_side=300.0)
 
 
+def test_sections_there_and_back():
+    """Each section alone and all together, as TOML and as JSON; what is off reads as off."""
+    sections = {name: kind() for name, kind in Scenario.sections().items()}
+    alone = [Scenario(**{name: section}) for name, section in sections.items()]
+    for scenario in (Scenario(), Scenario(**sections), *alone):
+        assert Scenario.from_toml(scenario.to_toml()) == scenario
+        assert Scenario.from_dict(json.loads(json.dumps(scenario.to_dict()))) == scenario
+    assert all(getattr(Scenario(), name) is None for name in sections)
+
+
+def test_a_section_is_of_its_own_kind():
+    with pytest.raises(ScenarioError, match=r"wind: Imu.* is of the wrong type: it must be a Wind, or None"):
+        Scenario(wind=Imu())
+    with pytest.raises(ScenarioError, match=r"imu\.gyro_noise: -1\.0 is out of bounds"):
+        Imu(gyro_noise=-1)
+
+
 def test_every_field_tells_its_unit_and_meaning():
-    for field in dataclasses.fields(Scenario):
+    for field in itertools.chain(*map(dataclasses.fields, [Scenario, *Scenario.sections().values()])):
         bounds = field.metadata["bounds"]
         assert bounds.unit
         assert bounds.help
@@ -63,7 +82,14 @@ def test_every_field_tells_its_unit_and_meaning():
         ("tau = -1", "tau: -1.0 is out of bounds"),
         ("tau = [1]", "tau: \\[1\\] is of the wrong type"),
         ('start = "here"', "start: 'here' is out of bounds: it must be one of spaced, moflock"),
-        ("air_drag = 1", "air_drag: 1 is of the wrong type: it must be true or false"),
+        ("[wind]\nspeed = 900", r"wind\.speed: 900\.0 is out of bounds: it must be at least 0 m/s and at most 60 m/s"),
+        ("[wind]\nsped = 9", r"wind\.sped: unknown name; did you mean speed"),
+        ("[wind]\nspeed = 'fast'", r"wind\.speed: 'fast' is of the wrong type: it must be a number"),
+        ("[wind]\nturbulence = 'gale'", r"wind\.turbulence: 'gale' is out of bounds: it must be one of none, light"),
+        ("[wind]\nturbulence = 'light'\nw20 = 8", r"wind\.w20: 8 m/s stands beside turbulence = light: give one"),
+        ("wind = 8", r"wind: 8 is of the wrong type: it must be a table, \[wind\]"),
+        ("[[wind]]\nspeed = 8", r"wind: .* is of the wrong type: it must be a table"),
+        ("[battery]\ncharge = 0", r"battery\.charge: 0\.0 is out of bounds: it must be over 0 and at most 1"),
         ("step = 0.03", "sample_period: 0.1 s is no whole multiple of the step, 0.03 s"),
         ("step = 0.01\nt_gps = 0.055", "t_gps: 0.055 s is no whole multiple of the step, 0.01 s"),
         ("duration = 0.25", "duration: 0.25 s is no whole multiple of the sample_period, 0.1 s"),

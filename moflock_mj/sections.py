@@ -1,0 +1,41 @@
+"""Sections of a scenario: what is off unless its table stands in the scenario file, such as `[wind]`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from moflock_mj.errors import ScenarioError
+from moflock_mj.quantities import Bounds, check_fields, check_keys
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Section:
+    """A table of the scenario; a subclass has its name in `table`, and fields made by `quantity`.
+
+    Raises:
+        ScenarioError: a value is of the wrong type or out of bounds; the line names it as `table.field`.
+    """
+
+    table: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        check_fields(self, ScenarioError, f"{self.table}.")
+
+    @classmethod
+    def read(cls, values: Any) -> Self:
+        """A section from its fields by name; those left out keep their defaults.
+
+        Raises:
+            ScenarioError: it is no table, or names a field or a value that the section does not have.
+        """
+        if not isinstance(values, Mapping):
+            raise ScenarioError(f"{cls.table}: {values!r} is of the wrong type: it must be a table, [{cls.table}]")
+        check_keys(values, [field.name for field in dataclasses.fields(cls)], ScenarioError, f"{cls.table}.")
+        return cls(**values)
+
+
+def section(kind: type[Section], help: str) -> Any:
+    """A dataclass field that holds a section, or None where it is off."""
+    return dataclasses.field(default=None, metadata={"bounds": Bounds(unit="1", help=help), "section": kind})

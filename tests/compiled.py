@@ -1,0 +1,16 @@
+"""Stages of the flight as functions that tests can call."""
+
+from __future__ import annotations
+
+import functools
+
+import numba
+
+
+@functools.cache
+def compiled(stage, arguments):
+    """A stage with so many arguments, compiled; numba chooses the implementation by the type of the first."""
+    names = ", ".join(f"a{k}" for k in range(arguments))
+    scope = {"stage": stage}
+    exec(f"def call({names}):\n    return stage({names})", scope)
+    return numba.njit(scope["call"])

@@ -1,0 +1,161 @@
+"""Whole flights with air and wear on: what holds, what is refused, and that logs and snapshots keep all of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moflock_mj import Scenario, air, fly, paper_point, read_log
+from moflock_mj.aerodynamics import AIR_DENSITY
+from moflock_mj.airframes import load_airframe
+from moflock_mj.errors import AirframeError, ScenarioError
+from moflock_mj.flock import Flock
+from moflock_mj.verify import resume, verify
+from tests.twins import point_mass_in_wind, quaternion_matrix
+
+POINT = paper_point("model_optimum")
+EXAMPLE = Scenario.load(Path(__file__).parents[2] / "docs" / "windy.toml")
+EVERYTHING = EXAMPLE.replace(drones=5, arena_side=80.0, duration=12.0, t_del=0.3)
+BREEZE = Scenario(wind=air.Wind(speed=8.0, direction=0.5))
+PUSH = 64 * AIR_DENSITY / 200 + 0.15 * 8
+"""m/s^2, of the x500's drag in 8 m/s, see test_aerodynamics."""
+
+
+def held(scenario):
+    """The scenario of a flock that wants to stay where it is and knows its velocity."""
+    return scenario.replace(drones=4, arena_side=200.0, v_flock=1e-6, v_max=1e-6, sigma_inner=0.0)
+
+
+def test_the_example_has_every_section():
+    assert all(getattr(EXAMPLE, name) is not None for name in Scenario.sections())
+
+
+@pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
+def test_a_held_flock_stays_where_it_is(dynamics):
+    """The drift ends by the integral term, whether the wind was held before the start or is met unprepared."""
+    flock = Flock(POINT, held(BREEZE.replace(duration=100.0)), dynamics, 1)
+    prepared = flock.fly(100.0)
+    assert np.abs(prepared.position[:, :, :2] - prepared.position[0, :, :2]).max() < 1.5
+    assert np.abs(prepared.velocity[-1]).max() < 1e-3
+
+    flock = Flock(POINT, held(BREEZE.replace(duration=100.0)), dynamics, 1)
+    observer = flock.body.plant.observer[:, 3:5].T if flock.body else flock.stages.plant.observer[2:]
+    observer[:] = 0  # A body leans 9 degrees into this wind, which takes 2 % off its rotors' drag.
+    surprised = flock.fly(100.0)
+    along = surprised.velocity[:, :, :2] @ (math.cos(0.5), math.sin(0.5))
+    assert along[:30].max() > 0.5
+    assert np.abs(surprised.velocity[-1]).max() < 1e-3
+    assert observer == pytest.approx(np.outer((math.cos(0.5), math.sin(0.5)), 4 * [PUSH]), rel=0.025)
+
+
+def test_a_flock_in_a_breeze_stays_inside_the_fence():
+    flight = fly(POINT, scenario=BREEZE.replace(duration=60.0), seed=1)
+    outside = np.abs(flight.samples.position[..., :2]).max() - BREEZE.arena_side / 2
+    assert outside < 0
+    assert flight.body.touched == 0
+
+
+def test_point_masses_in_wind_agree_with_their_slow_twin():
+    scenario = BREEZE.replace(drones=3, duration=5.0, sigma_inner=0.0, wind=air.Wind(speed=8.0, turbulence="severe"))
+    flock, step = Flock(POINT, scenario, "point_mass", 4), 0.01
+    plant, world = flock.stages.plant, flock.memory.world
+    figures = (plant.tau, plant.a_max, plant.body_drag, plant.rotor_drag, plant.observer_bandwidth, plant.wind_max)
+    states = [tuple(array[:2, i].copy() for array in (world.position, world.velocity)) for i in range(3)]
+    observers = [(plant.observer[:2, i].copy(), plant.observer[2:, i].copy()) for i in range(3)]
+    for _ in range(50):
+        flock.fly(0.1)
+        for i in range(3):
+            for _ in range(10):
+                states[i], observers[i] = point_mass_in_wind(
+                    states[i], observers[i], flock.memory.desired[:, i], plant.wind.velocity[:2, i], figures, step
+                )
+    for i in range(3):
+        np.testing.assert_allclose(world.position[:2, i], states[i][0], atol=1e-9)
+        np.testing.assert_allclose(plant.observer[:, i], np.concatenate(observers[i]), atol=1e-9)
+
+
+@pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
+def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
+    scenario = EVERYTHING.replace(duration=4.0)
+    everything = Flock(POINT, scenario, dynamics, 5).fly(4.0)
+    pieces = Flock(POINT, scenario, dynamics, 5)
+    records = [pieces.fly(0.7), pieces.fly(0.1)]
+    resumed = Flock(POINT, scenario, dynamics, 999)
+    resumed.restore(pieces.snapshot())
+    records.append(resumed.fly(10.0))
+    for name in ("position", "velocity"):
+        joined = np.concatenate([getattr(record, name) for record in records])
+        np.testing.assert_array_equal(joined, getattr(everything, name))
+
+
+@pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
+def test_its_log_tells_the_sections_and_is_verified_and_resumed(tmp_path, dynamics):
+    path = tmp_path / "a.mcap"
+    flight = fly(POINT, scenario=EVERYTHING, dynamics=dynamics, seed=3, log=path)
+    assert read_log(path).scenario == EVERYTHING
+    assert verify(path).identical
+    again = resume(path, 10.0)
+    np.testing.assert_array_equal(again.samples.position[-1], flight.samples.position[-1])
+
+
+def test_what_drones_believe_is_near_the_truth():
+    flock = Flock(POINT, EVERYTHING.replace(duration=60.0), "rigid_body", 2)
+    flock.fly(60.0)
+    plant = flock.body.plant
+    believed = plant.sensors.navigation
+    for i in range(5):
+        off = quaternion_matrix(believed.qpos[i, 3:]).T @ quaternion_matrix(plant.qpos[i, 3:])
+        assert math.acos(min((np.trace(off) - 1) / 2, 1)) < math.radians(3)
+    assert np.abs(believed.qvel[:, :3] - plant.qvel[:, :3]).max() < 0.4
+    assert np.abs(believed.qpos[:, 2] - plant.qpos[:, 2]).max() < 0.3
+    assert (believed.qpos[:, 2] != plant.qpos[:, 2]).all()
+
+
+def test_hover_takes_its_power():
+    """Measured on every flight of rigid bodies, battery or not; here 61.7 W a rotor."""
+    flight = fly(POINT, scenario=held(Scenario(sigma_outer=0.0, duration=20.0)))
+    assert flight.body.energy == pytest.approx(4 * 4 * 61.7 * 20.0, rel=0.01)
+
+
+def test_an_empty_battery_brings_it_down():
+    """With a sixtieth of its capacity it lasts some ten seconds, and then falls."""
+    small = dataclasses.replace(EVERYTHING.battery, capacity=300.0)
+    flock = Flock(POINT, EVERYTHING.replace(duration=60.0, battery=small), "rigid_body", 1)
+    record = flock.fly(60.0)
+    battery = flock.body.plant.battery
+    assert (battery.charge == 0).all()
+    assert (battery.lift == 0).all()
+    assert record.position[50, :, 2] == pytest.approx(20.0, abs=1.0)
+    assert record.position[-1, :, 2].max() < 1.0
+
+
+@pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"wind": air.Wind(speed=40.0)},
+            r"wind\.speed: 40 m/s pushes the airframe x500 with 15\.8 m/s\^2.*at most 9\.81",
+        ),
+        (
+            {"wind": air.Wind(), "drag": air.Drag(area=9.0)},
+            r"v_flock: 6 m/s pushes the airframe x500 with .*at most 9\.8",
+        ),
+        ({"wind": air.Wind(), "airframe": "paper"}, "airframe: 'paper' is unknown"),
+        ({"wind": air.Wind(turbulence="light"), "altitude": 500.0}, r"altitude: 500 m .* at most 304\.8 m"),
+    ],
+)
+def test_air_that_is_too_much_is_refused_before_the_flight(dynamics, changes, words):
+    with pytest.raises((ScenarioError, AirframeError), match=words) as refusal:
+        Flock(POINT, Scenario(**changes), dynamics, 1)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_battery_too_empty_to_hover_is_refused():
+    least = 1 / load_airframe("x500").thrust_to_weight()
+    with pytest.raises(ScenarioError, match=rf"battery\.charge: 0\.001 leaves .* hover it must be over {least:.0%}"):
+        Flock(POINT, Scenario(battery=air.Battery(charge=0.001)), "rigid_body", 1)
