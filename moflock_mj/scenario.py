@@ -14,6 +14,7 @@ from moflock_mj.air import Battery, Downwash, Drag, GroundEffect, Imu, Wind
 from moflock_mj.errors import ScenarioError
 from moflock_mj.quantities import check_fields, check_keys, quantity
 from moflock_mj.sections import Section, section
+from moflock_mj.verdict import VerdictLimits
 
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
 """Integration step of each dynamics where the scenario names none, in s."""
@@ -73,6 +74,7 @@ class Scenario:
     ground_effect: GroundEffect | None = section(GroundEffect, "more thrust close above the ground; rigid bodies")
     battery: Battery | None = section(Battery, "voltage falls with charge and current, thrust with it; rigid bodies")
     imu: Imu | None = section(Imu, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies")
+    verdict: VerdictLimits = section(VerdictLimits, "what makes a point flyable or unsafe", on=True)
 
     def __post_init__(self) -> None:
         check_fields(self, ScenarioError)

@@ -1,0 +1,99 @@
+"""What `moflock validate` does, from its arguments to what it prints."""
+
+from __future__ import annotations
+
+import datetime
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from rich.console import Console
+
+from moflock_mj.new_file import new_file
+from moflock_mj.terminal import INTERRUPTED, stop_on_interrupt
+from optimize.figures import save
+from optimize.tables import rich_table
+from optimize.validation import Settings, Validation, ValidationDirectory, fly_missing, gather, log_worst
+from optimize.validation_figures import fronts_figure
+from optimize.validation_page import FIGURE, LEGEND, dumps, page, tables, to_json, verdict_lines
+from optimize.verbs import flights_progress
+from optimize.verdict import UNSAFE
+
+PAGE, JSON, LOGS = "validation.md", "validation.json", "logs"
+"""Files of a validation's directory, and the folder of its logs."""
+
+
+def new_validation_path() -> Path:
+    """A directory in logs/ that is named for now."""
+    return Path("logs") / f"validate-{datetime.datetime.now().astimezone():%Y%m%d-%H%M%S}"
+
+
+def validate(
+    path: Path, settings: Settings | None, *, workers: int, scheduler: str | None, logs: bool, as_json: bool
+) -> int:
+    """Fly points on both dynamics, judge them, and write all that was found; Ctrl-C ends it so that it can be resumed.
+
+    Args:
+        path: a new directory, or with no settings one that is resumed.
+        settings: of a new validation.
+        workers: local processes.
+        scheduler: address of a Dask scheduler that has the workers instead.
+        logs: whether the worst seed of each point is logged.
+        as_json: whether to print JSON.
+
+    Returns:
+        Exit status: 0, or 1 if a point is unsafe.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown or written.
+    """
+    if settings is None:
+        run = ValidationDirectory.open(path)
+    else:
+        settings.check_flyable()
+        run = ValidationDirectory.create(path, settings)
+    with run:
+        found, logged = validated(run, workers=workers, scheduler=scheduler, logs=logs)
+    if found is None:
+        print(f"stopped; go on with: moflock validate --resume {path}", file=sys.stderr)
+        return INTERRUPTED
+    content = write(found, logged, path)
+    if as_json:
+        print(content, end="")
+    else:
+        print_validation(found, logged, path)
+    return int(any(verdict.name == UNSAFE for verdict in found.verdicts))
+
+
+def validated(
+    run: ValidationDirectory, *, workers: int, scheduler: str | None, logs: bool
+) -> tuple[Validation | None, dict[str, Path]]:
+    """Fly what is missing in a directory; None if Ctrl-C came first. The logs of the worst seeds, if asked."""
+    with flights_progress("both dynamics") as told, stop_on_interrupt() as interrupted:
+        if not fly_missing(run, workers, scheduler, told, interrupted):
+            return None, {}
+    found = gather(run)
+    if not logs:
+        return found, {}
+    with flights_progress("logs of the worst seeds") as told:
+        return found, log_worst(found, run.path / LOGS, told)
+
+
+def write(found: Validation, logs: Mapping[str, Path], path: Path) -> str:
+    """Write page, figure and JSON into a directory; returns the JSON."""
+    content = dumps(to_json(found, logs))
+    for name, text in ((JSON, content), (PAGE, page(found, logs))):
+        with new_file(path / name) as place:
+            place.write_text(text, encoding="utf-8")
+    save(lambda: fronts_figure(found), path / FIGURE)
+    return content
+
+
+def print_validation(found: Validation, logs: Mapping[str, Path], path: Path) -> None:
+    """Print the tables and where the rest is."""
+    console = Console()
+    for words in tables(found):
+        console.print(rich_table(words))
+    for line in (LEGEND, *verdict_lines(found, logs)):
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print(f"page: {path / PAGE}", highlight=False, soft_wrap=True)
