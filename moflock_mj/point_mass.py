@@ -15,6 +15,7 @@ from controllers.compiling import Off, implements
 from controllers.tuning import Bandwidths, largest_push
 from controllers.velocity import clip_length, observe_axis
 from moflock_mj.plant import Noise, advance, take_fix, write_state
+from moflock_mj.response import PointMassResponse
 from moflock_mj.scenario import Scenario
 from moflock_mj.wind import Wind, air_velocity, blow
 from moflock_mj.world import World
@@ -62,15 +63,59 @@ class WindyPointMass(NamedTuple):
     observer: NDArray[np.float64]
 
 
-def make_point_masses(scenario: Scenario, step: float, world: World, wind: Wind | Off) -> PointMass | WindyPointMass:
+class LatePointMass(NamedTuple):
+    """Point masses whose commands take effect after a pure delay; a command is held for a beat at least.
+
+    Attributes:
+        response: from there on, a PointMass or a WindyPointMass.
+        late: share of a beat by which the delay exceeds a whole number of them.
+        past: (B, 2, N), m/s, the commands of the latest beats, as a ring.
+        command: (2, N), m/s, the one that takes effect now.
+        beat: (1,), beats flown.
+    """
+
+    response: NamedTuple
+    late: float
+    past: NDArray[np.float64]
+    command: NDArray[np.float64]
+    beat: NDArray[np.int64]
+
+
+def make_point_masses(
+    scenario: Scenario, step: float, beat: float, world: World, wind: Wind | Off
+) -> PointMass | WindyPointMass | LatePointMass:
     """The point masses of a scenario, where `world` has them at the start.
+
+    Args:
+        scenario: what is flown.
+        step: s.
+        beat: s, a whole number of steps for which a command is held.
+        world: the start.
+        wind: the air, see `moflock_mj.wind`.
 
     Raises:
         AirframeError: with wind on, the airframe is unknown.
         ScenarioError: the wind is too much for the airframe.
     """
+    asked = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
+    response = _make_response(scenario, asked, step, world, wind)
+    if asked.delay == 0:
+        return response
+    whole, late = divmod(asked.delay / beat, 1.0)
+    return LatePointMass(
+        response=response,
+        late=late,
+        past=np.zeros((int(whole) + 2, 2, scenario.drones)),
+        command=np.zeros((2, scenario.drones)),
+        beat=np.zeros(1, np.int64),
+    )
+
+
+def _make_response(
+    scenario: Scenario, asked: PointMassResponse, step: float, world: World, wind: Wind | Off
+) -> PointMass | WindyPointMass:
     if isinstance(wind, Off):
-        return PointMass(step, scenario.tau, scenario.a_max, scenario.sigma_outer)
+        return PointMass(step, asked.tau, asked.a_max, scenario.sigma_outer)
     from moflock_mj.aerodynamics import air_drag, wind_push  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
     from moflock_mj.airframes import load_airframe  # noqa: PLC0415
     from moflock_mj.feasibility import check_air  # noqa: PLC0415
@@ -83,8 +128,8 @@ def make_point_masses(scenario: Scenario, step: float, world: World, wind: Wind 
     observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyFlock`
     return WindyPointMass(
         step=step,
-        tau=scenario.tau,
-        a_max=scenario.a_max,
+        tau=asked.tau,
+        a_max=asked.a_max,
         wind=wind,
         body_drag=drag.body / airframe.mass,
         rotor_drag=drag.rotors / airframe.mass,
@@ -158,12 +203,35 @@ def advance_in_wind(
                 velocity[axis, i] += step * (push + pushed[axis])
 
 
+@implements(advance, LatePointMass)
+def advance_late(
+    plant: LatePointMass,
+    world: World,
+    desired: NDArray[np.float64],
+    velocity_error: NDArray[np.float64],
+    noise: Noise,
+    steps: int,
+) -> None:
+    """The response's own steps, on commands of the past: each beat gets the mean of the late command over it."""
+    past, beat = plant.past, plant.beat[0]
+    kept = past.shape[0]
+    newer, older = (beat - kept + 2) % kept, (beat - kept + 1) % kept
+    for axis in range(2):
+        for i in range(desired.shape[1]):
+            past[beat % kept, axis, i] = desired[axis, i]
+            plant.command[axis, i] = (1 - plant.late) * past[newer, axis, i] + plant.late * past[older, axis, i]
+    plant.beat[0] += 1
+    advance(plant.response, world, plant.command, velocity_error, noise, steps)
+
+
+@implements(take_fix, LatePointMass)
 @implements(take_fix, PointMass)
 @implements(take_fix, WindyPointMass)
 def _take_no_fix(plant: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
     pass
 
 
+@implements(write_state, LatePointMass)
 @implements(write_state, PointMass)
 @implements(write_state, WindyPointMass)
 def write_point_masses(plant: NamedTuple, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:  # noqa: ARG001

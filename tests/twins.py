@@ -9,6 +9,7 @@ import numpy as np
 
 from controllers.flocking import FlockingParams
 from moflock_mj.randomness import Streams
+from moflock_mj.response import PointMassResponse
 from moflock_mj.scenario import Scenario
 from moflock_mj.start import start_world
 
@@ -85,6 +86,8 @@ class SlowFlight:
         desired = np.zeros((n, 2))
         late, tick = round(scenario.t_del / step), round(scenario.t_gps / step)
         steps = round(scenario.duration / step)
+        response = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
+        commands = []
         for k in range(steps):
             if k % tick == 0:
                 xi = streams.sensing.standard_normal((2, 2, n))
@@ -93,15 +96,27 @@ class SlowFlight:
                 past_x, past_v = states[max(k - late, 0)]
                 desired = np.array([self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
-            wanted = (desired - v - own.h) / scenario.tau
+            commands.append(desired)
+            wanted = (self._late(commands, response.delay, step) - v - own.h) / response.tau
             size = np.linalg.norm(wanted, axis=1, keepdims=True)
-            clipped = wanted * np.minimum(1, scenario.a_max / np.maximum(size, 1e-300))
+            clipped = wanted * np.minimum(1, response.a_max / np.maximum(size, 1e-300))
             x = x + step * v
             v = v + step * clipped + math.sqrt(2 * scenario.sigma_outer * step) * xi
             states.append((x.copy(), v.copy()))
         every = round(scenario.sample_period / step)
         self.samples = states[::every]
         return self
+
+    def _late(self, commands, delay, step):
+        """The command of `delay` ago, as the mean over the beat of 0.1 s in which the latest step is."""
+        beat = round(0.1 / step)
+        first = (len(commands) - 1) // beat * beat
+        at_rest = np.zeros_like(commands[0])
+        fine = 100  # pieces of a step
+        pieces = first * fine + np.arange(beat * fine) + 0.5 - delay / step * fine
+        steps = np.floor(pieces / fine).astype(int)
+        held = {k: at_rest if k < 0 else commands[min(k, len(commands) - 1)] for k in set(steps.tolist())}
+        return np.mean([held[k] for k in steps.tolist()], axis=0) if delay else commands[-1]
 
     def _decide(self, i, x, v, own, heard_x, heard_v):
         hears = [
