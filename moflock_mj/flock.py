@@ -59,7 +59,7 @@ class Flock:
             self.body = RigidBodyFlock(scenario, self.step, clocks.steps_per_beat, world, self.wind)
             plant = self.body.plant
         else:
-            plant = make_point_masses(scenario, self.step, clocks.steps_per_beat * self.step, world, self.wind)
+            plant = make_point_masses(scenario, self.step, world, self.wind)
         self.stages = Stages(
             clocks=clocks,
             plant=plant,

@@ -64,32 +64,33 @@ class WindyPointMass(NamedTuple):
 
 
 class LatePointMass(NamedTuple):
-    """Point masses whose commands take effect after a pure delay; a command is held for a beat at least.
+    """Point masses that answer late: what they do about a velocity is what was called for some time ago.
+
+    The delay is inside the velocity's loop, as that of a tilting body is, so that noise is answered late as well.
 
     Attributes:
-        response: from there on, a PointMass or a WindyPointMass.
-        late: share of a beat by which the delay exceeds a whole number of them.
-        past: (B, 2, N), m/s, the commands of the latest beats, as a ring.
-        command: (2, N), m/s, the one that takes effect now.
-        beat: (1,), beats flown.
+        response: what moves them, a PointMass or a WindyPointMass.
+        late: share of a step by which the delay exceeds a whole number of them.
+        past: (B, 2, N), m/s, commanded less measured velocity in the latest steps, as a ring.
+        command: (2, N), m/s, from which the response makes the late answer.
+        steps: (1,), made.
     """
 
     response: NamedTuple
     late: float
     past: NDArray[np.float64]
     command: NDArray[np.float64]
-    beat: NDArray[np.int64]
+    steps: NDArray[np.int64]
 
 
 def make_point_masses(
-    scenario: Scenario, step: float, beat: float, world: World, wind: Wind | Off
+    scenario: Scenario, step: float, world: World, wind: Wind | Off
 ) -> PointMass | WindyPointMass | LatePointMass:
     """The point masses of a scenario, where `world` has them at the start.
 
     Args:
         scenario: what is flown.
         step: s.
-        beat: s, a whole number of steps for which a command is held.
         world: the start.
         wind: the air, see `moflock_mj.wind`.
 
@@ -101,13 +102,13 @@ def make_point_masses(
     response = _make_response(scenario, asked, step, world, wind)
     if asked.delay == 0:
         return response
-    whole, late = divmod(asked.delay / beat, 1.0)
+    whole, late = divmod(asked.delay / step, 1.0)
     return LatePointMass(
         response=response,
         late=late,
         past=np.zeros((int(whole) + 2, 2, scenario.drones)),
         command=np.zeros((2, scenario.drones)),
-        beat=np.zeros(1, np.int64),
+        steps=np.zeros(1, np.int64),
     )
 
 
@@ -212,16 +213,19 @@ def advance_late(
     noise: Noise,
     steps: int,
 ) -> None:
-    """The response's own steps, on commands of the past: each beat gets the mean of the late command over it."""
-    past, beat = plant.past, plant.beat[0]
-    kept = past.shape[0]
-    newer, older = (beat - kept + 2) % kept, (beat - kept + 1) % kept
-    for axis in range(2):
-        for i in range(desired.shape[1]):
-            past[beat % kept, axis, i] = desired[axis, i]
-            plant.command[axis, i] = (1 - plant.late) * past[newer, axis, i] + plant.late * past[older, axis, i]
-    plant.beat[0] += 1
-    advance(plant.response, world, plant.command, velocity_error, noise, steps)
+    """The response's own steps, each with the command that leads to the late answer."""
+    past, kept, share = plant.past, plant.past.shape[0], plant.late
+    for k in range(steps):
+        now = plant.steps[0]
+        newer, older = (now - kept + 2) % kept, (now - kept + 1) % kept
+        for axis in range(2):
+            for i in range(desired.shape[1]):
+                measured = world.velocity[axis, i] + velocity_error[axis, i]
+                past[now % kept, axis, i] = desired[axis, i] - measured
+                plant.command[axis, i] = (1 - share) * past[newer, axis, i] + share * past[older, axis, i] + measured
+        of_step = Noise(noise.outer[k : k + 1], noise.gust[: 1 if k == 0 else 0], noise.inertial, noise.walk)
+        advance(plant.response, world, plant.command, velocity_error, of_step, 1)
+        plant.steps[0] += 1
 
 
 @implements(take_fix, LatePointMass)

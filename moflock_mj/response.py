@@ -20,4 +20,6 @@ class PointMassResponse(Section):
 
     tau: float = quantity(1.0, "s", "time constant of the velocity's response", low=0.05, high=60)
     a_max: float = quantity(6.0, "m/s^2", "bound of the acceleration", low=0, open_low=True, high=100)
-    delay: float = quantity(0.0, "s", "after which a command takes effect", low=0, high=10)
+    delay: float = quantity(
+        0.0, "s", "after which the difference of commanded and measured velocity takes effect", low=0, high=10
+    )

@@ -1,4 +1,4 @@
-"""Drones alone, each told its own velocities: how the rigid-body plant answers steps."""
+"""Drones alone, each told its own velocities: how a plant answers steps."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compiling import entry_kernel
+from controllers.compiling import Off, entry_kernel
 from moflock_mj.plant import Noise, advance
+from moflock_mj.point_mass import make_point_masses
 from moflock_mj.rigid_body import RigidBodyFlock
 from moflock_mj.scenario import Scenario
-from moflock_mj.wind import make_wind
 from moflock_mj.world import World
 
 _SPACING = 100.0
@@ -32,13 +32,17 @@ class StepResponse(NamedTuple):
     velocity: NDArray[np.float64]
 
 
-def respond_to_steps(scenario: Scenario, legs: NDArray[np.float64], seconds: float) -> StepResponse:
-    """Fly one rigid body for each of N sequences of commands, from rest, without noise of any kind.
+def respond_to_steps(
+    scenario: Scenario, legs: NDArray[np.float64], seconds: float, dynamics: str = "rigid_body"
+) -> StepResponse:
+    """Fly one drone for each of N sequences of commands, from rest, without noise of any kind.
 
     Args:
-        scenario: its airframe, its controllers' settings and its altitude are taken, and a battery or drag of its.
+        scenario: its airframe, its controllers' settings and its altitude are taken, a battery or drag of its, and
+            for point masses their response.
         legs: (K, 2, N), m/s, world, horizontal velocities commanded one after the other.
         seconds: that each is held.
+        dynamics: "rigid_body" or "point_mass", both with the step of rigid bodies.
 
     Raises:
         MoflockError: the airframe is unknown, or too weak for the scenario.
@@ -50,11 +54,12 @@ def respond_to_steps(scenario: Scenario, legs: NDArray[np.float64], seconds: flo
     world = World.at_rest(drones)
     world.position[1] = _SPACING * np.arange(drones)
     world.position[2] = calm.altitude
-    wind = make_wind(calm, step, np.random.default_rng(0))
-    flock = RigidBodyFlock(calm, step, 1, world, wind)
     velocity = np.empty((count * steps, 2, drones))
     commanded = np.repeat(np.asarray(legs, np.float64), steps, axis=0)
-    _respond(flock.plant, world, commanded, _silence(drones), velocity)
+    # The flock owns the memory of MuJoCo's that its plant sees, and must outlive the flight.
+    flock = RigidBodyFlock(calm, step, 1, world, Off()) if dynamics == "rigid_body" else None
+    plant = flock.plant if flock else make_point_masses(calm, step, world, Off())
+    _respond(plant, world, commanded, _silence(drones), velocity)
     return StepResponse(step * np.arange(count * steps), commanded, velocity)
 
 

@@ -49,3 +49,16 @@ def validate_command(
         settings = make_settings(flown, points or [], _SEEDS if seeds is None else seeds)
         path = out or new_validation_path()
     return validate(path, settings, workers=workers, scheduler=scheduler, logs=logs, as_json=as_json)
+
+
+@commands.command("identify", epilog="Example: moflock identify x500 --out calibrated.toml")
+def identify_command(
+    airframe: Annotated[str, typer.Argument(help="x500, crazyflie.")],
+    scenario: ScenarioFile = None,
+    out: Annotated[Path | None, typer.Option(help="Scenario with the calibrated point mass, .toml.")] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Fit the point mass's tau, a_max and delay to an airframe with its controllers."""
+    from optimize.validation_verbs import identify_airframe  # noqa: PLC0415
+
+    return identify_airframe(given_scenario(scenario, airframe=airframe), out=out, as_json=as_json)

@@ -1,4 +1,4 @@
-"""What `moflock validate` does, from its arguments to what it prints."""
+"""What `moflock validate` and `moflock identify` do, from its arguments to what it prints."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from pathlib import Path
 
 from rich.console import Console
 
+from moflock_mj.identification import identify
 from moflock_mj.new_file import new_file
+from moflock_mj.scenario import Scenario
 from moflock_mj.terminal import INTERRUPTED, stop_on_interrupt
+from optimize import identification_page
 from optimize.figures import save
 from optimize.tables import rich_table
 from optimize.validation import Settings, Validation, ValidationDirectory, fly_missing, gather, log_worst
@@ -97,3 +100,24 @@ def print_validation(found: Validation, logs: Mapping[str, Path], path: Path) ->
     for line in (LEGEND, *verdict_lines(found, logs)):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"page: {path / PAGE}", highlight=False, soft_wrap=True)
+
+
+def identify_airframe(scenario: Scenario, *, out: Path | None, as_json: bool) -> int:
+    """Identify the scenario's airframe, print what was found; `out`: the scenario with the calibrated point mass.
+
+    Raises:
+        MoflockError: the airframe is unknown or too weak, or the file cannot be written.
+    """
+    found = identify(scenario)
+    if out is not None:
+        with new_file(out) as place:
+            place.write_text(scenario.replace(point_mass=found.response).to_toml(), encoding="utf-8")
+    if as_json:
+        print(dumps(identification_page.to_json(found)), end="")
+        return 0
+    console = Console()
+    for words in identification_page.tables(found):
+        console.print(rich_table(words))
+    if out is not None:
+        console.print(f"calibrated scenario: {out}", highlight=False, soft_wrap=True)
+    return 0

@@ -87,7 +87,7 @@ class SlowFlight:
         late, tick = round(scenario.t_del / step), round(scenario.t_gps / step)
         steps = round(scenario.duration / step)
         response = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
-        commands = []
+        called_for = []
         for k in range(steps):
             if k % tick == 0:
                 xi = streams.sensing.standard_normal((2, 2, n))
@@ -96,8 +96,8 @@ class SlowFlight:
                 past_x, past_v = states[max(k - late, 0)]
                 desired = np.array([self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
-            commands.append(desired)
-            wanted = (self._late(commands, response.delay, step) - v - own.h) / response.tau
+            called_for.append(desired - v - own.h)
+            wanted = self._late(called_for, response.delay, step) / response.tau
             size = np.linalg.norm(wanted, axis=1, keepdims=True)
             clipped = wanted * np.minimum(1, response.a_max / np.maximum(size, 1e-300))
             x = x + step * v
@@ -107,16 +107,11 @@ class SlowFlight:
         self.samples = states[::every]
         return self
 
-    def _late(self, commands, delay, step):
-        """The command of `delay` ago, as the mean over the beat of 0.1 s in which the latest step is."""
-        beat = round(0.1 / step)
-        first = (len(commands) - 1) // beat * beat
-        at_rest = np.zeros_like(commands[0])
+    def _late(self, called_for, delay, step):
+        """The mean, over the latest step, of what was called for `delay` ago; nothing was before the start."""
         fine = 100  # pieces of a step
-        pieces = first * fine + np.arange(beat * fine) + 0.5 - delay / step * fine
-        steps = np.floor(pieces / fine).astype(int)
-        held = {k: at_rest if k < 0 else commands[min(k, len(commands) - 1)] for k in set(steps.tolist())}
-        return np.mean([held[k] for k in steps.tolist()], axis=0) if delay else commands[-1]
+        pieces = len(called_for) - 1 + (np.arange(fine) + 0.5) / fine - delay / step
+        return np.mean([called_for[int(k)] if k >= 0 else 0 * called_for[0] for k in pieces], axis=0)
 
     def _decide(self, i, x, v, own, heard_x, heard_v):
         hears = [
