@@ -29,7 +29,8 @@ from optimize.tables import Words, markdown
 from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, ValidationDirectory, make_settings
 from optimize.validation_figures import fronts_figure
 from optimize.validation_page import page
-from optimize.validation_verbs import flights_progress, validated, write
+from optimize.validation_verbs import validated, write
+from optimize.verbs import flights_progress
 
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
 
@@ -67,8 +68,8 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, worker
         [
             page(found, logged, "validation/fronts.png").rstrip(),
             "## The point mass of this airframe",
-            "Written by `make validation`. `moflock identify` flies velocity steps on the rigid body and fits the point "
-            "mass; its delay stands inside the velocity's loop.",
+            "Written by `make validation`. `moflock identify` flies velocity steps on the rigid body and fits the "
+            "point mass to them; its delay stands inside the velocity's loop.",
             *sections,
         ]
     )
