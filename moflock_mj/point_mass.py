@@ -102,7 +102,8 @@ def make_point_masses(
     response = _make_response(scenario, asked, step, world, wind)
     if asked.delay == 0:
         return response
-    whole, late = divmod(asked.delay / step, 1.0)
+    # An answer is held for a step, and so is late by half of one already.
+    whole, late = divmod(max(asked.delay / step - 0.5, 0.0), 1.0)
     return LatePointMass(
         response=response,
         late=late,

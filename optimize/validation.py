@@ -23,7 +23,7 @@ from optimize.archive import Archive, RunDirectory, read_directory, write_direct
 from optimize.configuration import installed_versions, search_scenario
 from optimize.estimates import non_dominated
 from optimize.evaluation import FIGURE_NAMES, OK, Evaluation, Job, Task
-from optimize.executor import make_executor
+from optimize.executor import Executor
 from optimize.findings import FRONT
 from optimize.fly_points import Told, fresh_seeds
 from optimize.front import load_front
@@ -258,15 +258,12 @@ def check_seeds(count: int) -> None:
         raise SearchError(f"seeds: {count} is out of bounds: it must be at least 2 and at most {_MOST_SEEDS}")
 
 
-def fly_missing(
-    run: ValidationDirectory, workers: int, scheduler: str | None, told: Told, stop: Callable[[], bool]
-) -> bool:
+def fly_missing(run: ValidationDirectory, executors: Sequence[Executor], told: Told, stop: Callable[[], bool]) -> bool:
     """Fly what the archive does not have yet, point masses first; each flight is kept as it ends.
 
     Args:
         run: the directory, which is locked meanwhile.
-        workers: local processes.
-        scheduler: address of a Dask scheduler that has the workers instead.
+        executors: of the settings' jobs, one each.
         told: of progress.
         stop: asked after each flight.
 
@@ -276,19 +273,15 @@ def fly_missing(
     with run.locked():
         run.repair()
         done = {evaluation.number for evaluation in run.evaluations()}
-        plan = list(zip(run.settings.jobs(), run.settings.tasks(), strict=True))
-        total = sum(len(tasks) for _, tasks in plan)
-        for generation, (job, tasks) in enumerate(plan):
-            missing = [task for task in tasks if task.number not in done]
-            if not missing:
-                continue
-            with make_executor(job, workers, scheduler) as executor:
-                for evaluation in executor.evaluate(missing):
-                    run.append(evaluation, generation)
-                    done.add(evaluation.number)
-                    told(len(done), total)
-                    if stop():
-                        return len(done) == total
+        plan = run.settings.tasks()
+        total = sum(map(len, plan))
+        for generation, (executor, tasks) in enumerate(zip(executors, plan, strict=True)):
+            for evaluation in executor.evaluate([task for task in tasks if task.number not in done]):
+                run.append(evaluation, generation)
+                done.add(evaluation.number)
+                told(len(done), total)
+                if stop():
+                    return len(done) == total
     return True
 
 

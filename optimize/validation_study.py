@@ -7,6 +7,7 @@ remove that folder to begin anew.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from optimize.tables import Words, markdown
 from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, ValidationDirectory, make_settings
 from optimize.validation_figures import fronts_figure
 from optimize.validation_page import page
-from optimize.validation_verbs import validated, write
+from optimize.validation_verbs import crews, validated, write
 from optimize.verbs import flights_progress
 
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
@@ -53,10 +54,10 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, worker
     """
     settings = make_settings(scenario, POINTS, seeds)
     run = ValidationDirectory.open(logs) if logs.exists() else ValidationDirectory.create(logs, settings)
-    with run:
+    with run, contextlib.ExitStack() as resources:
         if (run.settings.scenario, run.settings.seeds) != (settings.scenario, settings.seeds):
             raise SearchError(f"run directory {logs}: it is of another scenario or other seeds; remove it")
-        found, logged = validated(run, workers=workers, scheduler=None, logs=True)
+        found, logged = validated(run, crews(settings, workers, None, resources), logs=True)
     if found is None:
         raise SearchError(f"run directory {logs}: stopped before its end; run it again to go on")
     write(found, logged, logs)

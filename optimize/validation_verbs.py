@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -14,6 +15,7 @@ from moflock_mj.new_file import new_file
 from moflock_mj.scenario import Scenario
 from moflock_mj.terminal import INTERRUPTED, stop_on_interrupt
 from optimize import identification_page
+from optimize.executor import Executor, make_executor
 from optimize.figures import save
 from optimize.tables import rich_table
 from optimize.validation import Settings, Validation, ValidationDirectory, fly_missing, gather, log_worst
@@ -50,13 +52,15 @@ def validate(
     Raises:
         MoflockError: what was asked for cannot be flown or written.
     """
-    if settings is None:
-        run = ValidationDirectory.open(path)
-    else:
-        settings.check_flyable()
-        run = ValidationDirectory.create(path, settings)
-    with run:
-        found, logged = validated(run, workers=workers, scheduler=scheduler, logs=logs)
+    with contextlib.ExitStack() as resources:
+        if settings is None:
+            run = resources.enter_context(ValidationDirectory.open(path))
+            executors = crews(run.settings, workers, scheduler, resources)
+        else:  # workers first: what nobody can fly leaves no directory
+            settings.check_flyable()
+            executors = crews(settings, workers, scheduler, resources)
+            run = resources.enter_context(ValidationDirectory.create(path, settings))
+        found, logged = validated(run, executors, logs=logs)
     if found is None:
         print(f"stopped; go on with: moflock validate --resume {path}", file=sys.stderr)
         return INTERRUPTED
@@ -68,12 +72,21 @@ def validate(
     return int(any(verdict.name == UNSAFE for verdict in found.verdicts))
 
 
+def crews(settings: Settings, workers: int, scheduler: str | None, resources: contextlib.ExitStack) -> list[Executor]:
+    """Workers for each of the settings' jobs, that end with the resources.
+
+    Raises:
+        MoflockError: none can be had.
+    """
+    return [resources.enter_context(make_executor(job, workers, scheduler)) for job in settings.jobs()]
+
+
 def validated(
-    run: ValidationDirectory, *, workers: int, scheduler: str | None, logs: bool
+    run: ValidationDirectory, executors: Sequence[Executor], *, logs: bool
 ) -> tuple[Validation | None, dict[str, Path]]:
     """Fly what is missing in a directory; None if Ctrl-C came first. The logs of the worst seeds, if asked."""
     with flights_progress("both dynamics") as told, stop_on_interrupt() as interrupted:
-        if not fly_missing(run, workers, scheduler, told, interrupted):
+        if not fly_missing(run, executors, told, interrupted):
             return None, {}
     found = gather(run)
     if not logs:

@@ -108,10 +108,12 @@ class SlowFlight:
         return self
 
     def _late(self, called_for, delay, step):
-        """The mean, over the latest step, of what was called for `delay` ago; nothing was before the start."""
-        fine = 100  # pieces of a step
-        pieces = len(called_for) - 1 + (np.arange(fine) + 0.5) / fine - delay / step
-        return np.mean([called_for[int(k)] if k >= 0 else 0 * called_for[0] for k in pieces], axis=0)
+        """What was called for `delay` ago, as seen from the middle of the latest step; at first nothing."""
+        back = max(delay / step - 0.5, 0)
+        newer, older = (len(called_for) - 1 - math.floor(back) - k for k in (0, 1))
+        share = back - math.floor(back)
+        held = [called_for[k] if k >= 0 else 0 * called_for[0] for k in (newer, older)]
+        return (1 - share) * held[0] + share * held[1]
 
     def _decide(self, i, x, v, own, heard_x, heard_v):
         hears = [
