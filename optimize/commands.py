@@ -83,7 +83,7 @@ def pca_command(
     return verbs.pca(
         scenario=given_scenario(scenario, drones=drones, duration=duration),
         dynamics=dynamics.value,
-        bounds=_bounds(bounds),
+        bounds=given_bounds(bounds),
         points=points,
         seed=seed,
         sampling=sampling.value,
@@ -185,7 +185,7 @@ def pick_command(
         raise SearchError(f"pick: {both} are both given; it must be one of them")
     return verbs.pick(
         run,
-        weights=_numbers("weights", weights) if weights is not None else None,
+        weights=numbers_of("weights", weights) if weights is not None else None,
         min_f1=min_f1,
         seeds=seeds,
         workers=workers,
@@ -227,7 +227,7 @@ def target_command(
     """Fly flocks around a target and fit the oscillation of their distance to it."""
     from optimize import verbs  # noqa: PLC0415
 
-    place = _numbers("at", at)
+    place = numbers_of("at", at)
     if len(place) != 2:
         raise SearchError(f"at: {at!r} is of the wrong type: it must be two numbers, x,y")
     return verbs.target(
@@ -267,19 +267,20 @@ def _configuration(
     wanted = load_objectives(objectives, flown) if objectives else PAPER
     return Configuration(
         scenario=flown,
-        bounds=_bounds(bounds),
+        bounds=given_bounds(bounds),
         objectives=wanted.with_coverage() if coverage else wanted,
         settings=settings,
     )
 
 
-def _bounds(path: Path | None) -> Bounds:
+def given_bounds(path: Path | None) -> Bounds:
+    """The bounds of a file, or the paper's."""
     from optimize.bounds import load_bounds, paper_bounds  # noqa: PLC0415
 
     return load_bounds(path) if path else paper_bounds()
 
 
-def _numbers(name: str, text: str) -> list[float]:
+def numbers_of(name: str, text: str) -> list[float]:
     """Numbers of a text such as 250,250."""
     try:
         return [float(part) for part in text.split(",")]

@@ -8,7 +8,20 @@ from typing import Annotated, Any
 import typer
 
 from moflock_mj.errors import SearchError
-from optimize.commands import CORES, AsJson, Drones, Duration, ScenarioFile, Scheduler, Workers, given_scenario
+from optimize.commands import (
+    CORES,
+    AsJson,
+    BoundsFile,
+    Drones,
+    Duration,
+    Dynamics,
+    ScenarioFile,
+    Scheduler,
+    Workers,
+    given_bounds,
+    given_scenario,
+    numbers_of,
+)
 
 commands = typer.Typer()
 
@@ -62,3 +75,69 @@ def identify_command(
     from optimize.validation_verbs import identify_airframe  # noqa: PLC0415
 
     return identify_airframe(given_scenario(scenario, airframe=airframe), out=out, as_json=as_json)
+
+
+@commands.command("sensitivity", epilog="Example: moflock sensitivity knee --samples 64 --out logs/sensitivity")
+def sensitivity_command(
+    point: Annotated[str, typer.Argument(help="Named point or .json file, for one parameter at a time.")] = "knee",
+    samples: Annotated[int, typer.Option(help="Base samples of the Sobol indices; each takes 14 flights.")] = 64,
+    levels: Annotated[int, typer.Option(help="Values of each parameter changed alone.")] = 9,
+    seeds: Annotated[int, typer.Option(help="Flights of each of these values.")] = 10,
+    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.POINT_MASS,
+    scenario: ScenarioFile = None,
+    drones: Drones = None,
+    duration: Duration = None,
+    bounds: BoundsFile = None,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+    out: Annotated[Path, typer.Option(help="Folder of the figures and the JSON.")] = Path("logs/sensitivity"),
+    as_json: AsJson = False,
+) -> int:
+    """Sobol indices of the six fitnesses to the 12 parameters, and one parameter at a time around a point."""
+    from optimize.sensitivity_verbs import sensitivity  # noqa: PLC0415
+
+    return sensitivity(
+        point,
+        scenario=given_scenario(scenario, drones=drones, duration=duration),
+        dynamics=dynamics.value,
+        bounds=given_bounds(bounds),
+        samples=samples,
+        levels=levels,
+        seeds=seeds,
+        workers=workers,
+        scheduler=scheduler,
+        out=out,
+        as_json=as_json,
+    )
+
+
+@commands.command("sweep", epilog="Example: moflock sweep knee --drones 5,10,30,100 --t-del 0,0.5,1,2")
+def sweep_command(
+    point: Annotated[str, typer.Argument(help="Named point or .json file.")] = "knee",
+    drones: Annotated[str | None, typer.Option(help="Numbers of drones, such as 5,10,30,100.")] = None,
+    t_del: Annotated[str | None, typer.Option(help="Delays of communication, s, such as 0,0.5,1,2.")] = None,
+    arena_side: Annotated[str | None, typer.Option(help="Sides of the arena, m, such as 200,300,500.")] = None,
+    seeds: Annotated[int, typer.Option(help="Flights of each value.")] = 10,
+    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.POINT_MASS,
+    scenario: ScenarioFile = None,
+    duration: Duration = None,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+    out: Annotated[Path, typer.Option(help="Folder of the figures and the JSON.")] = Path("logs/sweep"),
+    as_json: AsJson = False,
+) -> int:
+    """Fly a point in scenarios of other sizes, delays and arenas."""
+    from optimize.sensitivity_verbs import sweeps  # noqa: PLC0415
+
+    given = {"drones": drones, "t_del": t_del, "arena_side": arena_side}
+    return sweeps(
+        point,
+        {name: numbers_of(name, text) for name, text in given.items() if text is not None},
+        scenario=given_scenario(scenario, duration=duration),
+        dynamics=dynamics.value,
+        seeds=seeds,
+        workers=workers,
+        scheduler=scheduler,
+        out=out,
+        as_json=as_json,
+    )
