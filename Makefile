@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test bench fidelity pictures paper format clean
+.PHONY: fly test bench fidelity pictures paper validation format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -28,6 +28,9 @@ pictures: $(TESTABLE)  ## the README's pictures; needs Chromium
 
 paper: $(INSTALLED)  ## the paper's numbers and figures, ours beside them: docs/reproduction.md
 	$(BIN)/python -m optimize.paper
+
+validation: $(INSTALLED)  ## named points on rigid bodies, and the airframe's point mass: docs/validation.md
+	$(BIN)/python -m optimize.validation_study
 
 format: $(TESTABLE)  ## format the sources
 	$(BIN)/ruff check --fix .

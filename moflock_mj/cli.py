@@ -15,6 +15,7 @@ import typer
 from moflock_mj.errors import MoflockError
 from moflock_mj.gl import do_without_gl
 from optimize.commands import commands as search_commands
+from optimize.validation_commands import commands as validation_commands
 
 if TYPE_CHECKING:
     from moflock_mj.flight import Follower
@@ -180,6 +181,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 app.add_typer(search_commands)
+app.add_typer(validation_commands)
 
 
 class Autopilot(enum.StrEnum):

@@ -18,6 +18,7 @@ from moflock_mj.events import FlightEvent, find_events
 from moflock_mj.fitness import Fitness, fitness_of
 from moflock_mj.flock import Flock
 from moflock_mj.loop import Record
+from moflock_mj.motion import MotionFigures, MotionMeter
 from moflock_mj.order_parameters import OrderParameters
 from moflock_mj.points import check_point
 from moflock_mj.scenario import Scenario
@@ -86,6 +87,7 @@ class BodyFigures(NamedTuple):
 
     Attributes:
         touched: drones that touched another one or the ground.
+        lost: drones that have come down: at the end they are below half of the flock's altitude.
         tilt_max: rad, largest tilt of a body.
         altitude_error_max: m.
         saturated_share: share of the drones' time in which a rotor was commanded to its limit.
@@ -93,6 +95,7 @@ class BodyFigures(NamedTuple):
     """
 
     touched: int
+    lost: int
     tilt_max: float
     altitude_error_max: float
     saturated_share: float
@@ -138,10 +141,12 @@ class Flight(AnyFlight):
     """A flight that is over.
 
     Attributes:
+        motion: how well it was flown.
         body: what only rigid bodies have; None for point masses.
         wall_seconds: how long it took.
     """
 
+    motion: MotionFigures
     body: BodyFigures | None
     wall_seconds: float
 
@@ -203,6 +208,7 @@ def fly_on(
     records: list[Record] = []
     events: list[FlightEvent] = []
     before, first = flock.memory.tally.status.copy(), flock.samples
+    meter = MotionMeter(scenario, started=first > 0)
     with contextlib.ExitStack() as resources:
         if log is not None:
             from moflock_mj.flight_log import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
@@ -221,6 +227,7 @@ def fly_on(
             found = find_events(record, before, time_ns, flock.touched_with)
             before = record.status[-1]
             events += found
+            meter.add(record)
             for follower in told:
                 follower.write(time_ns, record, found)
                 follower.store_state()
@@ -239,6 +246,7 @@ def fly_on(
         fitness=final_fitness(records[-1], scenario),
         samples=join_samples(records, scenario, first) if keep_samples else None,
         events=tuple(events),
+        motion=meter.figures(),
         body=_body_figures(flock),
         wall_seconds=time.perf_counter() - began,
         log=Path(log) if log is not None else None,
@@ -285,6 +293,7 @@ def _body_figures(flock: Flock) -> BodyFigures | None:
     drone_steps = extremes.saturated.size * max(int(extremes.steps[0]), 1)
     return BodyFigures(
         touched=int(np.sum(extremes.touch_step >= 0)),
+        lost=int(np.sum(flock.body.plant.qpos[:, 2] < flock.scenario.altitude / 2)),
         tilt_max=float(np.arccos(np.clip(extremes.upright.min(), -1, 1))),
         altitude_error_max=float(extremes.altitude_error.max()),
         saturated_share=float(extremes.saturated.sum() / drone_steps),

@@ -15,7 +15,7 @@ from moflock_mj.draws import Draws, draw
 from moflock_mj.errors import FlightError, LogError, ScenarioError
 from moflock_mj.loop import Memory, Record, Stages, fly_beats
 from moflock_mj.order_parameters import Tally, Yardstick, cluster_range
-from moflock_mj.point_mass import WindyPointMass, make_point_masses
+from moflock_mj.point_mass import LatePointMass, WindyPointMass, make_point_masses
 from moflock_mj.randomness import Streams
 from moflock_mj.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.sensing import SensorModel, SensorState
@@ -174,8 +174,11 @@ class Flock:
         }
         if isinstance(self.wind, Wind):
             rooms["wind"] = self.wind
-        if isinstance(self.stages.plant, WindyPointMass):
-            rooms["point_mass"] = self.stages.plant
+        plant = self.stages.plant
+        if isinstance(plant, LatePointMass):
+            rooms["delay"], plant = plant, plant.response
+        if isinstance(plant, WindyPointMass):
+            rooms["point_mass"] = plant
         named = {
             f"{room}.{name}": array
             for room, held in rooms.items()

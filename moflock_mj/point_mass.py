@@ -15,6 +15,7 @@ from controllers.compiling import Off, implements
 from controllers.tuning import Bandwidths, largest_push
 from controllers.velocity import clip_length, observe_axis
 from moflock_mj.plant import Noise, advance, take_fix, write_state
+from moflock_mj.response import PointMassResponse
 from moflock_mj.scenario import Scenario
 from moflock_mj.wind import Wind, air_velocity, blow
 from moflock_mj.world import World
@@ -62,15 +63,61 @@ class WindyPointMass(NamedTuple):
     observer: NDArray[np.float64]
 
 
-def make_point_masses(scenario: Scenario, step: float, world: World, wind: Wind | Off) -> PointMass | WindyPointMass:
+class LatePointMass(NamedTuple):
+    """Point masses that answer late: what they do about a velocity is what was called for some time ago.
+
+    The delay is inside the velocity's loop, as that of a tilting body is, so that noise is answered late as well.
+
+    Attributes:
+        response: what moves them, a PointMass or a WindyPointMass.
+        late: share of a step by which the delay exceeds a whole number of them.
+        past: (B, 2, N), m/s, commanded less measured velocity in the latest steps, as a ring.
+        command: (2, N), m/s, from which the response makes the late answer.
+        steps: (1,), made.
+    """
+
+    response: NamedTuple
+    late: float
+    past: NDArray[np.float64]
+    command: NDArray[np.float64]
+    steps: NDArray[np.int64]
+
+
+def make_point_masses(
+    scenario: Scenario, step: float, world: World, wind: Wind | Off
+) -> PointMass | WindyPointMass | LatePointMass:
     """The point masses of a scenario, where `world` has them at the start.
+
+    Args:
+        scenario: what is flown.
+        step: s.
+        world: the start.
+        wind: the air, see `moflock_mj.wind`.
 
     Raises:
         AirframeError: with wind on, the airframe is unknown.
         ScenarioError: the wind is too much for the airframe.
     """
+    asked = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
+    response = _make_response(scenario, asked, step, world, wind)
+    if asked.delay == 0:
+        return response
+    # An answer is held for a step, and so is late by half of one already.
+    whole, late = divmod(max(asked.delay / step - 0.5, 0.0), 1.0)
+    return LatePointMass(
+        response=response,
+        late=late,
+        past=np.zeros((int(whole) + 2, 2, scenario.drones)),
+        command=np.zeros((2, scenario.drones)),
+        steps=np.zeros(1, np.int64),
+    )
+
+
+def _make_response(
+    scenario: Scenario, asked: PointMassResponse, step: float, world: World, wind: Wind | Off
+) -> PointMass | WindyPointMass:
     if isinstance(wind, Off):
-        return PointMass(step, scenario.tau, scenario.a_max, scenario.sigma_outer)
+        return PointMass(step, asked.tau, asked.a_max, scenario.sigma_outer)
     from moflock_mj.aerodynamics import air_drag, wind_push  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
     from moflock_mj.airframes import load_airframe  # noqa: PLC0415
     from moflock_mj.feasibility import check_air  # noqa: PLC0415
@@ -83,8 +130,8 @@ def make_point_masses(scenario: Scenario, step: float, world: World, wind: Wind 
     observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyFlock`
     return WindyPointMass(
         step=step,
-        tau=scenario.tau,
-        a_max=scenario.a_max,
+        tau=asked.tau,
+        a_max=asked.a_max,
         wind=wind,
         body_drag=drag.body / airframe.mass,
         rotor_drag=drag.rotors / airframe.mass,
@@ -158,12 +205,38 @@ def advance_in_wind(
                 velocity[axis, i] += step * (push + pushed[axis])
 
 
+@implements(advance, LatePointMass)
+def advance_late(
+    plant: LatePointMass,
+    world: World,
+    desired: NDArray[np.float64],
+    velocity_error: NDArray[np.float64],
+    noise: Noise,
+    steps: int,
+) -> None:
+    """The response's own steps, each with the command that leads to the late answer."""
+    past, kept, share = plant.past, plant.past.shape[0], plant.late
+    for k in range(steps):
+        now = plant.steps[0]
+        newer, older = (now - kept + 2) % kept, (now - kept + 1) % kept
+        for axis in range(2):
+            for i in range(desired.shape[1]):
+                measured = world.velocity[axis, i] + velocity_error[axis, i]
+                past[now % kept, axis, i] = desired[axis, i] - measured
+                plant.command[axis, i] = (1 - share) * past[newer, axis, i] + share * past[older, axis, i] + measured
+        of_step = Noise(noise.outer[k : k + 1], noise.gust[: 1 if k == 0 else 0], noise.inertial, noise.walk)
+        advance(plant.response, world, plant.command, velocity_error, of_step, 1)
+        plant.steps[0] += 1
+
+
+@implements(take_fix, LatePointMass)
 @implements(take_fix, PointMass)
 @implements(take_fix, WindyPointMass)
 def _take_no_fix(plant: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
     pass
 
 
+@implements(write_state, LatePointMass)
 @implements(write_state, PointMass)
 @implements(write_state, WindyPointMass)
 def write_point_masses(plant: NamedTuple, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:  # noqa: ARG001

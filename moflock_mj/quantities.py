@@ -69,8 +69,10 @@ def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> No
         name, value = prefix + field.name, getattr(record, field.name)
         if "section" in field.metadata:
             kind = field.metadata["section"]
-            if value is not None and not isinstance(value, kind):
-                raise error(f"{name}: {value!r} is of the wrong type: it must be a {kind.__name__}, or None")
+            may_be_off = field.default is None
+            if not isinstance(value, kind) and not (value is None and may_be_off):
+                limit = f"a {kind.__name__}{', or None' if may_be_off else ''}"
+                raise error(f"{name}: {value!r} is of the wrong type: it must be {limit}")
             continue
         value = _typed(field, name, value, error)
         bounds: Bounds = field.metadata["bounds"]

@@ -13,7 +13,9 @@ from typing import Any
 from moflock_mj.air import Battery, Downwash, Drag, GroundEffect, Imu, Wind
 from moflock_mj.errors import ScenarioError
 from moflock_mj.quantities import check_fields, check_keys, quantity
+from moflock_mj.response import PointMassResponse
 from moflock_mj.sections import Section, section
+from moflock_mj.verdict import VerdictLimits
 
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
 """Integration step of each dynamics where the scenario names none, in s."""
@@ -67,12 +69,16 @@ class Scenario:
     a_tol: float = quantity(0.0003, "1", "tolerance of F_coll", low=0, open_low=True, high=1)
     r_tol: float = quantity(5.0, "m", "tolerance of F_wall", low=0, open_low=True, high=1e4)
 
+    point_mass: PointMassResponse | None = section(
+        PointMassResponse, "the response of point masses, in place of tau and a_max"
+    )
     wind: Wind | None = section(Wind, "moving air, in place of the outer noise")
     drag: Drag | None = section(Drag, "drag of rigid bodies and their rotors; with wind it is on anyway")
     downwash: Downwash | None = section(Downwash, "what a drone's rotors blow at those below it; rigid bodies")
     ground_effect: GroundEffect | None = section(GroundEffect, "more thrust close above the ground; rigid bodies")
     battery: Battery | None = section(Battery, "voltage falls with charge and current, thrust with it; rigid bodies")
     imu: Imu | None = section(Imu, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies")
+    verdict: VerdictLimits = section(VerdictLimits, "what makes a point flyable or unsafe", on=True)
 
     def __post_init__(self) -> None:
         check_fields(self, ScenarioError)

@@ -1,4 +1,4 @@
-"""Sections of a scenario: what is off unless its table stands in the scenario file, such as `[wind]`."""
+"""Sections of a scenario: tables of its file, such as `[wind]`; most are off unless their table stands there."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ class Section:
         return cls(**values)
 
 
-def section(kind: type[Section], help: str) -> Any:
-    """A dataclass field that holds a section, or None where it is off."""
-    return dataclasses.field(default=None, metadata={"bounds": Bounds(unit="1", help=help), "section": kind})
+def section(kind: type[Section], help: str, *, on: bool = False) -> Any:
+    """A dataclass field that holds a section, or None where it is off; one that is `on` is never off."""
+    default = kind() if on else None
+    return dataclasses.field(default=default, metadata={"bounds": Bounds(unit="1", help=help), "section": kind})

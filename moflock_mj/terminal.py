@@ -121,6 +121,7 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
         "complete": flight.complete,
         "order_parameters": flight.order_parameters._asdict(),
         "fitness": flight.fitness._asdict(),
+        "motion": flight.motion._asdict(),
         "body": flight.body._asdict() if flight.body else None,
         "events": len(flight.events),
         "wall_seconds": flight.wall_seconds,
@@ -159,7 +160,7 @@ def _closing_lines(flight: Flight) -> list[str]:
     if flight.body:
         body = flight.body
         lines.append(
-            f"touched: {body.touched} of {flight.scenario.drones} drones; largest tilt "
+            f"touched: {body.touched} of {flight.scenario.drones} drones, {body.lost} lost; largest tilt "
             f"{math.degrees(body.tilt_max):.1f} deg; largest altitude error {body.altitude_error_max:.2f} m; "
             f"a rotor at its limit {100 * body.saturated_share:.2g} % of the time; "
             f"{body.energy / 3600:.4g} Wh taken"

@@ -116,7 +116,7 @@ def blow(wind: NamedTuple, velocity: NDArray[np.float64], draws: NDArray[np.floa
     Args:
         wind: the air.
         velocity: (3, N), m/s, world, of the drones.
-        draws: (1, 5, N), N(0, 1); (0, 5, N) in calm air.
+        draws: (1, 5, N), N(0, 1); (0, 5, N) in calm air, and where the gusts stay as they are.
     """
 
 
@@ -182,6 +182,8 @@ def _write_velocity(wind: Wind) -> None:
 @implements(blow, Wind)
 def _blow(wind: Wind, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
     filters, air = wind.filters, wind.velocity
+    if draws.shape[0] == 0:
+        return
     for i in range(filters.shape[1]):
         x, y, z = velocity[0, i] - air[0, i], velocity[1, i] - air[1, i], velocity[2, i] - air[2, i]
         way = max(sqrt(x * x + y * y + z * z), SLOWEST) * wind.period

@@ -1,4 +1,4 @@
-"""A search's directory: its configuration, and an archive with one row per evaluation that survives a kill.
+"""A directory of evaluations, such as a search's: a configuration, and an archive of one row each that survives kills.
 
 The archive is SQLite with a write-ahead log: each evaluation is committed when it comes, a killed process loses none
 that was, and the file can be read while the search runs. Each row carries a checksum, which SQLite's pages lack.
@@ -14,15 +14,16 @@ import os
 import sqlite3
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
-from moflock_mj.errors import SearchError
+from moflock_mj.errors import MoflockError, SearchError
+from moflock_mj.scenario import Scenario
 from optimize.configuration import Configuration
 from optimize.evaluation import Evaluation
 
@@ -33,6 +34,7 @@ _COLUMNS = (
     "seeds TEXT NOT NULL",  # JSON, [S]
     "order_parameters TEXT NOT NULL",  # JSON, [S][6]
     "fitness TEXT NOT NULL",  # JSON, [S][6 or 7]
+    "figures TEXT NOT NULL",  # JSON, [S][F]
     "seconds REAL NOT NULL",
     "worker TEXT NOT NULL",
     "outcome TEXT NOT NULL",
@@ -41,6 +43,9 @@ _COLUMNS = (
 )
 _NAMES = tuple(column.split()[0] for column in _COLUMNS)
 
+
+Read = TypeVar("Read")
+"""What is made of a directory's configuration."""
 
 _INSERT = f"INSERT OR REPLACE INTO evaluations VALUES ({','.join('?' * len(_NAMES))})"
 
@@ -62,64 +67,20 @@ class Entry(NamedTuple):
     flown_at: float
 
 
-class RunDirectory:
-    """A search's directory, made by `create` or found by `open`; close it, or use it in a `with`.
+class Archive:
+    """A directory with the evaluations flown so far; close it, or use it in a `with`.
 
     Attributes:
         path: the directory.
-        configuration: what is searched, and how.
-        damaged: number of rows that could not be read when it was opened; a resumed search flies them again.
+        damaged: number of rows that could not be read when it was opened; who resumes flies them again.
     """
 
-    def __init__(self, path: Path, configuration: Configuration) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self.configuration = configuration
         self._database = path / "archive.sqlite"
         self.damaged = 0
         with _as_search_error(self._database):
             self._connection = self._connect()
-
-    @classmethod
-    def create(cls, path: str | Path, configuration: Configuration) -> RunDirectory:
-        """Make a new run directory.
-
-        Raises:
-            SearchError: there is something already, or it cannot be written.
-        """
-        path = Path(path)
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
-                raise SearchError(f"run directory {path}: it is not empty; it must be new, or be resumed")
-            _write(path / "scenario.toml", configuration.scenario.to_toml())
-            _write(path / "configuration.json", configuration.to_json())
-        except OSError as problem:
-            raise SearchError(f"run directory {path}: {problem.strerror}") from None
-        return cls(path, configuration)
-
-    @classmethod
-    def open(cls, path: str | Path) -> RunDirectory:
-        """Open a run directory; what is damaged in its archive is left out.
-
-        Raises:
-            SearchError: it is none, or its configuration or its archive cannot be read at all.
-        """
-        path = Path(path)
-        if not (path / "configuration.json").is_file():
-            raise SearchError(f"run directory {path}: it must hold a configuration.json, and does not")
-        try:
-            configuration = Configuration.from_texts(
-                (path / "configuration.json").read_text(encoding="utf-8"),
-                (path / "scenario.toml").read_text(encoding="utf-8"),
-            )
-        except (OSError, UnicodeDecodeError) as problem:
-            reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
-            raise SearchError(f"run directory {path}: {reason}") from None
-        except SearchError as problem:
-            raise SearchError(f"run directory {path}: {problem}") from None
-        run = cls(path, configuration)
-        run.damaged = run._count_damaged()
-        return run
 
     def repair(self) -> None:
         """Replace a damaged archive by one of its intact rows; the damaged one stays beside it.
@@ -161,7 +122,7 @@ class RunDirectory:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other searches off this directory.
+        """Keep other commands off this directory.
 
         Raises:
             SearchError: another one is on it.
@@ -171,7 +132,7 @@ class RunDirectory:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield
         except BlockingIOError:
-            raise SearchError(f"run directory {self.path}: another search is running in it") from None
+            raise SearchError(f"run directory {self.path}: another command is running in it") from None
         finally:
             os.close(folder)
 
@@ -184,6 +145,17 @@ class RunDirectory:
 
     def __exit__(self, *problem: object) -> None:
         self.close()
+
+    def count_damaged(self) -> int:
+        """Count the rows that are there and cannot be trusted, as far as can be told."""
+        with _as_search_error(self._database):
+            intact = sum(1 for _ in self._intact())
+            try:
+                claimed = self._connection.execute("SELECT count(*) FROM evaluations").fetchone()[0]
+            except sqlite3.DatabaseError:
+                claimed = intact + 1
+        self.damaged = int(claimed) - intact
+        return self.damaged
 
     def _connect(self) -> sqlite3.Connection:
         connection = sqlite3.connect(self._database, timeout=10)
@@ -217,15 +189,74 @@ class RunDirectory:
     def _intact(self) -> Iterator[Entry]:
         return (entry for row in self._rows() if (entry := _entry_of(row)) is not None)
 
-    def _count_damaged(self) -> int:
-        """Rows that are there and cannot be trusted, as far as can be told."""
-        with _as_search_error(self._database):
-            intact = sum(1 for _ in self._intact())
-            try:
-                claimed = self._connection.execute("SELECT count(*) FROM evaluations").fetchone()[0]
-            except sqlite3.DatabaseError:
-                return 1
-            return int(claimed) - intact
+
+class RunDirectory(Archive):
+    """A search's directory, made by `create` or found by `open`.
+
+    Attributes:
+        configuration: what is searched, and how.
+    """
+
+    def __init__(self, path: Path, configuration: Configuration) -> None:
+        super().__init__(path)
+        self.configuration = configuration
+
+    @classmethod
+    def create(cls, path: str | Path, configuration: Configuration) -> RunDirectory:
+        """Make a new run directory.
+
+        Raises:
+            SearchError: there is something already, or it cannot be written.
+        """
+        write_directory(Path(path), configuration.scenario, configuration.to_json())
+        return cls(Path(path), configuration)
+
+    @classmethod
+    def open(cls, path: str | Path) -> RunDirectory:
+        """Open a run directory; what is damaged in its archive is left out.
+
+        Raises:
+            SearchError: it is none, or its configuration or its archive cannot be read at all.
+        """
+        run = cls(Path(path), read_directory(Path(path), Configuration.from_texts))
+        run.count_damaged()
+        return run
+
+
+def write_directory(path: Path, scenario: Scenario, configuration: str) -> None:
+    """Make a new directory with a scenario, `scenario.toml`, and a configuration, `configuration.json`.
+
+    Raises:
+        SearchError: there is something already, or it cannot be written.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise SearchError(f"run directory {path}: it is not empty; it must be new, or be resumed")
+        _write(path / "scenario.toml", scenario.to_toml())
+        _write(path / "configuration.json", configuration)
+    except OSError as problem:
+        raise SearchError(f"run directory {path}: {problem.strerror}") from None
+
+
+def read_directory(path: Path, read: Callable[[str, str], Read]) -> Read:
+    """What `read` makes of the configuration and the scenario that `write_directory` wrote.
+
+    Raises:
+        SearchError: there are none, or they cannot be read.
+    """
+    if not (path / "configuration.json").is_file():
+        raise SearchError(f"run directory {path}: it must hold a configuration.json, and does not")
+    try:
+        return read(
+            (path / "configuration.json").read_text(encoding="utf-8"),
+            (path / "scenario.toml").read_text(encoding="utf-8"),
+        )
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+        raise SearchError(f"run directory {path}: {reason}") from None
+    except MoflockError as problem:
+        raise SearchError(f"run directory {path}: {problem}") from None
 
 
 def _row_of(entry: Entry) -> tuple[Any, ...]:
@@ -237,6 +268,7 @@ def _row_of(entry: Entry) -> tuple[Any, ...]:
         json.dumps(evaluation.seeds),
         json.dumps(_without_nan(evaluation.order_parameters)),
         json.dumps(evaluation.fitness.tolist()),
+        json.dumps(_without_nan(evaluation.figures)),
         evaluation.seconds,
         evaluation.worker,
         evaluation.outcome,
@@ -251,13 +283,14 @@ def _entry_of(row: tuple[Any, ...]) -> Entry | None:
     if _checksum(values) != checksum:
         return None
     number, generation, *point = values[:14]
-    seeds, order_parameters, fitness, seconds, worker, outcome, flown_at = values[14:]
+    seeds, order_parameters, fitness, figures, seconds, worker, outcome, flown_at = values[14:]
     evaluation = Evaluation(
         number=number,
         params=FlockingParams(*point),
         seeds=tuple(json.loads(seeds)),
         order_parameters=np.array(json.loads(order_parameters), np.float64),  # null becomes NaN
         fitness=np.array(json.loads(fitness), np.float64),
+        figures=np.array(json.loads(figures), np.float64),
         seconds=seconds,
         worker=worker,
         outcome=outcome,

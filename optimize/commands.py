@@ -59,7 +59,7 @@ Scheduler = Annotated[str | None, typer.Option(help="Fly on a Dask cluster inste
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 RunPath = Annotated[Path, typer.Argument(help="A search's directory.", metavar="RUN")]
 
-_CORES = os.cpu_count() or 1
+CORES = os.cpu_count() or 1
 _FRONT_SEEDS = 100
 
 
@@ -73,7 +73,7 @@ def pca_command(
     drones: Drones = None,
     duration: Duration = None,
     bounds: BoundsFile = None,
-    workers: Workers = _CORES,
+    workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Objectives for optimize, .json; a figure goes beside it.")] = None,
     as_json: AsJson = False,
@@ -82,9 +82,9 @@ def pca_command(
     from optimize import verbs  # noqa: PLC0415 - loads the search's libraries
 
     return verbs.pca(
-        scenario=_scenario(scenario, drones=drones, duration=duration),
+        scenario=given_scenario(scenario, drones=drones, duration=duration),
         dynamics=dynamics.value,
-        bounds=_bounds(bounds),
+        bounds=given_bounds(bounds),
         points=points,
         seed=seed,
         sampling=sampling.value,
@@ -122,7 +122,7 @@ def optimize_command(
     front_seeds: Annotated[int, typer.Option(help="Fresh seeds for the front at the end; 0 for none.", min=0)] = (
         _FRONT_SEEDS
     ),
-    workers: Workers = _CORES,
+    workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Run directory; a new one in logs/ if absent.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with this run.", metavar="RUN")] = None,
@@ -171,7 +171,7 @@ def pick_command(
     min_f1: Annotated[float | None, typer.Option(help="Best second objective with at least this first one.")] = None,
     knee: Annotated[bool, typer.Option("--knee", help="The knee of the front, which is the default.")] = False,
     seeds: Annotated[int, typer.Option(help="Fresh seeds, if the front has not been flown yet.")] = _FRONT_SEEDS,
-    workers: Workers = _CORES,
+    workers: Workers = CORES,
     out: Annotated[Path | None, typer.Option(help="Point as .json; stdout if absent.")] = None,
     as_json: AsJson = False,
 ) -> int:
@@ -184,7 +184,7 @@ def pick_command(
         raise SearchError(f"pick: {both} are both given; it must be one of them")
     return verbs.pick(
         run,
-        weights=_numbers("weights", weights) if weights is not None else None,
+        weights=numbers_of("weights", weights) if weights is not None else None,
         min_f1=min_f1,
         seeds=seeds,
         workers=workers,
@@ -198,7 +198,7 @@ def report_command(
     run: RunPath,
     compare: Annotated[list[Path] | None, typer.Option(help="Another run of the same scenario; may repeat.")] = None,
     seeds: Annotated[int, typer.Option(help="Fresh seeds on which the front is flown.")] = _FRONT_SEEDS,
-    workers: Workers = _CORES,
+    workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Folder; RUN/report if absent.")] = None,
     as_json: AsJson = False,
@@ -226,18 +226,26 @@ def target_command(
     """Fly flocks around a target and fit the oscillation of their distance to it."""
     from optimize import verbs  # noqa: PLC0415
 
-    place = _numbers("at", at)
+    place = numbers_of("at", at)
     if len(place) != 2:
         raise SearchError(f"at: {at!r} is of the wrong type: it must be two numbers, x,y")
     return verbs.target(
         points,
         place=(place[0], place[1]),
-        scenario=_scenario(scenario, drones=drones, duration=duration),
+        scenario=given_scenario(scenario, drones=drones, duration=duration),
         dynamics=dynamics.value,
         seed=seed,
         out=picture,
         as_json=as_json,
     )
+
+
+def given_scenario(path: Path | None, **changes: Any) -> Scenario:
+    """The scenario of a file, or the paper's, with what else was given in its place."""
+    from moflock_mj.scenario import Scenario  # noqa: PLC0415
+
+    scenario = Scenario.load(path) if path else Scenario()
+    return scenario.replace(**{name: value for name, value in changes.items() if value is not None})
 
 
 def _configuration(
@@ -254,30 +262,24 @@ def _configuration(
     from optimize.objectives import PAPER, load_objectives  # noqa: PLC0415
 
     settings = Settings(**given)
-    flown = search_scenario(_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
+    flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
     wanted = load_objectives(objectives, flown) if objectives else PAPER
     return Configuration(
         scenario=flown,
-        bounds=_bounds(bounds),
+        bounds=given_bounds(bounds),
         objectives=wanted.with_coverage() if coverage else wanted,
         settings=settings,
     )
 
 
-def _scenario(path: Path | None, **changes: Any) -> Scenario:
-    from moflock_mj.scenario import Scenario  # noqa: PLC0415
-
-    scenario = Scenario.load(path) if path else Scenario()
-    return scenario.replace(**{name: value for name, value in changes.items() if value is not None})
-
-
-def _bounds(path: Path | None) -> Bounds:
+def given_bounds(path: Path | None) -> Bounds:
+    """The bounds of a file, or the paper's."""
     from optimize.bounds import load_bounds, paper_bounds  # noqa: PLC0415
 
     return load_bounds(path) if path else paper_bounds()
 
 
-def _numbers(name: str, text: str) -> list[float]:
+def numbers_of(name: str, text: str) -> list[float]:
     """Numbers of a text such as 250,250."""
     try:
         return [float(part) for part in text.split(",")]

@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import PointError
-from moflock_mj.flight import Flight, fly
+from moflock_mj.flight import BodyFigures, Flight, fly
+from moflock_mj.motion import MotionFigures
 from moflock_mj.points import check_point, paper_point
 from moflock_mj.scenario import Scenario
 from optimize.coverage import coverage
 from optimize.objectives import FITNESS_NAMES
+
+FIGURE_NAMES = (*MotionFigures._fields, *BodyFigures._fields)
+"""The columns of an evaluation's figures."""
 
 OK = "ok"
 """The outcome of an evaluation that is what it should be."""
@@ -63,6 +67,7 @@ class Evaluation(NamedTuple):
         seeds: the task's.
         order_parameters: (S, 6), in the order of OrderParameters; NaN if the outcome is not ok.
         fitness: (S, 6) in the order of FITNESS_NAMES, or (S, 7) with coverage; 0, the worst, if the outcome is not ok.
+        figures: (S, F) in the order of FIGURE_NAMES; NaN where point masses have none, or the outcome is not ok.
         seconds: s, wall time.
         worker: who flew it.
         outcome: "ok", or one line that says why not.
@@ -73,6 +78,7 @@ class Evaluation(NamedTuple):
     seeds: tuple[int, ...]
     order_parameters: NDArray[np.float64]
     fitness: NDArray[np.float64]
+    figures: NDArray[np.float64]
     seconds: float
     worker: str
     outcome: str
@@ -102,6 +108,7 @@ def evaluate(job: Job, task: Task) -> Evaluation:
         seeds=task.seeds,
         order_parameters=np.array([flight.order_parameters for flight in flights], np.float64),
         fitness=fitness,
+        figures=np.array([_figures_row(flight) for flight in flights]),
         seconds=time.perf_counter() - began,
         worker=worker_name(),
         outcome=OK,
@@ -116,6 +123,7 @@ def infeasible(job: Job, task: Task, reason: str, seconds: float = 0.0, worker: 
         seeds=task.seeds,
         order_parameters=np.full((len(task.seeds), 6), np.nan),
         fitness=np.zeros((len(task.seeds), len(FITNESS_NAMES) + job.coverage)),
+        figures=np.full((len(task.seeds), len(FIGURE_NAMES)), np.nan),
         seconds=seconds,
         worker=worker or worker_name(),
         outcome=" ".join(reason.split()) or "failed",
@@ -156,3 +164,8 @@ def _fitness_row(job: Job, flight: Flight) -> list[float]:
         assert flight.samples is not None  # for the type checker: asked for above
         row.append(float(coverage(flight.samples.position, job.scenario.arena_side)[-1]))
     return row
+
+
+def _figures_row(flight: Flight) -> list[float]:
+    body = flight.body or [np.nan] * len(BodyFigures._fields)
+    return [float(value) for value in (*flight.motion, *body)]

@@ -21,10 +21,12 @@ class FlownPoints(NamedTuple):
 
     Attributes:
         fitness: (n, S, 6), or (n, S, 7) with coverage; 0, the worst, where a flight failed.
+        figures: (n, S, F), in the order of FIGURE_NAMES; NaN where there are none.
         failed: (n,), how many of its flights failed.
     """
 
     fitness: NDArray[np.float64]
+    figures: NDArray[np.float64]
     failed: NDArray[np.int64]
 
 
@@ -53,7 +55,8 @@ def fly_points(
     ordered = [flown[task.number] for task in tasks]
     fitness = np.array([evaluation.fitness[0] for evaluation in ordered])
     failed = np.array([evaluation.outcome != OK for evaluation in ordered])
-    return FlownPoints(fitness.reshape(*shape, -1), failed.reshape(shape).sum(axis=1))
+    figures = np.array([evaluation.figures[0] for evaluation in ordered])
+    return FlownPoints(fitness.reshape(*shape, -1), figures.reshape(*shape, -1), failed.reshape(shape).sum(axis=1))
 
 
 def fresh_seeds(count: int, used: Collection[int] = ()) -> tuple[int, ...]:

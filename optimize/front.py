@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import SearchError
@@ -24,11 +23,10 @@ from optimize.evaluation import OK, Evaluation
 from optimize.executor import Executor
 from optimize.fly_points import Told, fly_points
 from optimize.objectives import FITNESS_NAMES, Objectives
+from optimize.statistics import half_width
 
 SEEDS = 100
 """Fresh seeds on which a front is flown."""
-
-_CONFIDENCE = 0.95
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,8 +71,7 @@ class FlownFront:
     @functools.cached_property
     def half_width(self) -> NDArray[np.float64]:
         """(n, K), half the width of the mean's 95 % confidence interval (Student's t)."""
-        seeds = len(self.seeds)
-        return np.asarray(self.deviation * stats.t.ppf((1 + _CONFIDENCE) / 2, seeds - 1) / np.sqrt(seeds))
+        return half_width(self.values, axis=1)
 
     @functools.cached_property
     def remaining(self) -> NDArray[np.int64]:

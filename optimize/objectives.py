@@ -22,7 +22,7 @@ COVERAGE = "coverage"
 """The seventh, optional column."""
 
 _LARGEST_FILE = 1 << 20
-_NUMERICAL = ("step", "airframe")
+_NUMERICAL = ("step", "airframe", "verdict")
 """Fields of a scenario that leave its fitnesses, and so their grouping, as they are."""
 
 

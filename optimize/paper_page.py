@@ -17,6 +17,7 @@ from optimize.front import FlownFront, best_with, knee
 from optimize.objectives import FITNESS_NAMES
 from optimize.pca import Agreement
 from optimize.reference import COVARIANCE, FIRST_COMPONENT, PAPER_RESULTS
+from optimize.tables import markdown
 
 _LEAST = 0.7
 """What `fast` keeps of the last objective and `cohesive` of the first: a flock that gives one up is no use."""
@@ -116,11 +117,11 @@ def _components_section(found: Findings, analyses: Sequence[Agreement]) -> str:
         [
             "## Principal components",
             f"{components.samples} random points, from MOflock's start. First component:",
-            _markdown(("", "ours", "paper"), rows),
+            markdown(("", "ours", "paper"), rows),
             "Covariance, ours (the paper's):",
-            _markdown(("", *(f"F_{name}" for name in FITNESS_NAMES)), matrix),
+            markdown(("", *(f"F_{name}" for name in FITNESS_NAMES)), matrix),
             "On several seeds:",
-            _markdown(("seed", "cosine", "same signs", "mean difference of covariance"), seeds),
+            markdown(("seed", "cosine", "same signs", "mean difference of covariance"), seeds),
             "The elements of F_coll differ most: the paper's collisions are tied closer to correlation and connection.",
             "![Principal components](reproduction/pca.png)",
         ]
@@ -142,7 +143,7 @@ def _front_section(found: Findings) -> str:
             f"{found.evaluations[0]} evaluations; the front on {len(front.seeds)} fresh seeds has a hypervolume of "
             f"{front.hypervolume:.3f}, and {len(front.remaining)} points. Mean ± standard deviation from flight to "
             "flight:",
-            _markdown(("point", *front.objectives.names), rows),
+            markdown(("point", *front.objectives.names), rows),
             "Flights here start apart and at rest. MOflock's drones start with one common velocity, which lends "
             "correlation and connection (F_2) to points that hardly align by themselves, such as A.",
             "![Front](reproduction/front.png)",
@@ -169,7 +170,7 @@ def _comparison_section(scores: Mapping[str, Score], budget: int) -> str:
             f"{budget} flights each, three runs; then the 50 points that a search believes in fly on "
             f"{comparison.SEEDS} fresh seeds, the same for all. Hypervolume from (0, 0); CMA-ES and PSO maximise the "
             "product of all six fitnesses and are no searches for a front.",
-            _markdown(("search", "hypervolume of each run", "mean", "best product", "best F_1", "best F_2"), rows),
+            markdown(("search", "hypervolume of each run", "mean", "best product", "best F_1", "best F_2"), rows),
             "One fixed seed is the paper's way: its front is too good to be true, and sinks on fresh seeds. The other "
             "searches give each evaluation a seed of its own, fly the leaders again, believe a regression over all "
             "flights rather than single ones, and let it choose which of four points bred is flown.",
@@ -188,7 +189,7 @@ def _unbounded_section(singles: Mapping[str, Single]) -> str:
             "## Without bounds",
             "CMA-ES on the product of six, its best point on fresh seeds. Coverage is the share of the arena's 10 m "
             "cells that came within 25 m of a drone.",
-            _markdown(("search", "product", *(f"F_{name}" for name in FITNESS_NAMES), "coverage"), rows),
+            markdown(("search", "product", *(f"F_{name}" for name in FITNESS_NAMES), "coverage"), rows),
             "![Best point without bounds](reproduction/unbounded.png)",
         ]
     )
@@ -211,7 +212,7 @@ def _target_section(tracked: Mapping[str, Sequence[TargetResult]]) -> str:
         [
             "## Target in a corner",
             f"Medians of {len(tracked['A'])} flights:",
-            _markdown(("point", "amplitude, m", "omega, rad/s", "F_target, rad/(s m)"), rows),
+            markdown(("point", "amplitude, m", "omega, rad/s", "F_target, rad/(s m)"), rows),
             "As in the paper, the loosely correlated flock has about half the amplitude and nearly twice the "
             "frequency. The paper calls that flock B in this passage, and A everywhere else; here it is A.",
             "![Target](reproduction/target.png)",
@@ -222,8 +223,3 @@ def _target_section(tracked: Mapping[str, Sequence[TargetResult]]) -> str:
 def _cells(front: FlownFront, number: int) -> tuple[str, ...]:
     pairs = zip(front.mean[number], front.deviation[number], strict=True)
     return tuple(f"{mean:.3f} ± {spread:.3f}" for mean, spread in pairs)
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

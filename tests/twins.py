@@ -9,6 +9,7 @@ import numpy as np
 
 from controllers.flocking import FlockingParams
 from moflock_mj.randomness import Streams
+from moflock_mj.response import PointMassResponse
 from moflock_mj.scenario import Scenario
 from moflock_mj.start import start_world
 
@@ -85,6 +86,8 @@ class SlowFlight:
         desired = np.zeros((n, 2))
         late, tick = round(scenario.t_del / step), round(scenario.t_gps / step)
         steps = round(scenario.duration / step)
+        response = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
+        called_for = []
         for k in range(steps):
             if k % tick == 0:
                 xi = streams.sensing.standard_normal((2, 2, n))
@@ -93,15 +96,24 @@ class SlowFlight:
                 past_x, past_v = states[max(k - late, 0)]
                 desired = np.array([self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
-            wanted = (desired - v - own.h) / scenario.tau
+            called_for.append(desired - v - own.h)
+            wanted = self._late(called_for, response.delay, step) / response.tau
             size = np.linalg.norm(wanted, axis=1, keepdims=True)
-            clipped = wanted * np.minimum(1, scenario.a_max / np.maximum(size, 1e-300))
+            clipped = wanted * np.minimum(1, response.a_max / np.maximum(size, 1e-300))
             x = x + step * v
             v = v + step * clipped + math.sqrt(2 * scenario.sigma_outer * step) * xi
             states.append((x.copy(), v.copy()))
         every = round(scenario.sample_period / step)
         self.samples = states[::every]
         return self
+
+    def _late(self, called_for, delay, step):
+        """What was called for `delay` ago, as seen from the middle of the latest step; at first nothing."""
+        back = max(delay / step - 0.5, 0)
+        newer, older = (len(called_for) - 1 - math.floor(back) - k for k in (0, 1))
+        share = back - math.floor(back)
+        held = [called_for[k] if k >= 0 else 0 * called_for[0] for k in (newer, older)]
+        return (1 - share) * held[0] + share * held[1]
 
     def _decide(self, i, x, v, own, heard_x, heard_v):
         hears = [

@@ -8,6 +8,7 @@ import pytest
 from moflock_mj import MoflockError, Scenario, fly, paper_point
 from moflock_mj.errors import LogError, PointError, ScenarioError
 from moflock_mj.flock import Flock
+from moflock_mj.response import PointMassResponse
 from tests import twins
 
 A = paper_point("A")
@@ -23,6 +24,8 @@ SHORT = Scenario(drones=6, arena_side=120.0, duration=12.0)
         {"t_del": 0.0},
         {"t_gps": 0.3, "sample_period": 0.2, "t_del": 0.5, "duration": 12.0},
         {"start": "moflock", "r_comm": 40.0},
+        {"step": 0.1, "point_mass": PointMassResponse(tau=0.8, a_max=4.0, delay=0.13), "duration": 6.0},
+        {"step": 0.05, "point_mass": PointMassResponse(delay=0.3), "start": "moflock", "duration": 6.0},
     ],
 )
 def test_a_point_mass_flight_is_that_of_its_slow_twin(changes):
@@ -50,9 +53,12 @@ def test_samples_have_the_promised_shapes_and_times():
     np.testing.assert_array_equal(samples.position[..., 2], SHORT.altitude)
 
 
-@pytest.mark.parametrize("dynamics", ["point_mass", "rigid_body"])
-def test_a_flight_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
-    scenario = SHORT.replace(duration=4.0, packet_loss_ratio=0.5, t_del=0.3)
+@pytest.mark.parametrize(
+    ("dynamics", "response"),
+    [("point_mass", None), ("point_mass", PointMassResponse(delay=0.25)), ("rigid_body", None)],
+)
+def test_a_flight_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics, response):
+    scenario = SHORT.replace(point_mass=response, duration=4.0, packet_loss_ratio=0.5, t_del=0.3)
     whole = Flock(A, scenario, dynamics, 5)
     everything = whole.fly(4.0)
     pieces = Flock(A, scenario, dynamics, 5)

@@ -51,7 +51,7 @@ def test_sections_there_and_back():
     for scenario in (Scenario(), Scenario(**sections), *alone):
         assert Scenario.from_toml(scenario.to_toml()) == scenario
         assert Scenario.from_dict(json.loads(json.dumps(scenario.to_dict()))) == scenario
-    assert all(getattr(Scenario(), name) is None for name in sections)
+    assert [name for name in sections if getattr(Scenario(), name) is not None] == ["verdict"]
 
 
 def test_a_section_is_of_its_own_kind():

@@ -43,7 +43,15 @@ class FakeExecutor:
             f_1, f_2 = np.clip(np.array([np.sqrt(abs(unit[0])), np.sqrt(abs(1 - unit[0]))]) - distance + noise, 0, 1)
             rows.append([f_1, 1, f_2, 1, 1, 1])
         return Evaluation(
-            task.number, task.params, task.seeds, np.ones((len(rows), 6)), np.array(rows), 0.01, "fake", "ok"
+            task.number,
+            task.params,
+            task.seeds,
+            np.ones((len(rows), 6)),
+            np.array(rows),
+            np.ones((len(rows), 12)),
+            0.01,
+            "fake",
+            "ok",
         )
 
     def close(self):

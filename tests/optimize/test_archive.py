@@ -26,6 +26,7 @@ def some_evaluation(number, flights=2):
         seeds=tuple(rng.integers(1, 2**31, flights).tolist()),
         order_parameters=rng.random((flights, 6)),
         fitness=rng.random((flights, 6)),
+        figures=rng.random((flights, 12)),
         seconds=0.1,
         worker="here",
         outcome="ok",
@@ -33,9 +34,9 @@ def some_evaluation(number, flights=2):
 
 
 def same(one, two):
-    return one._replace(order_parameters=0, fitness=0) == two._replace(order_parameters=0, fitness=0) and all(
-        np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
-        for name in ("order_parameters", "fitness")
+    blank = dict.fromkeys(("order_parameters", "fitness", "figures"), 0)
+    return one._replace(**blank) == two._replace(**blank) and all(
+        np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True) for name in blank
     )
 
 
@@ -88,7 +89,7 @@ def test_a_directory_that_is_not_empty_is_refused(tmp_path):
 def test_two_searches_in_one_directory_are_refused(tmp_path):
     run = filled(tmp_path / "run", 1)
     other = RunDirectory.open(tmp_path / "run")
-    with run.locked(), pytest.raises(SearchError, match="another search"), other.locked():
+    with run.locked(), pytest.raises(SearchError, match="another command"), other.locked():
         pass
     other.close()
     run.close()

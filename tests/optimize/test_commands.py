@@ -51,8 +51,13 @@ def refused(*arguments):
 
 
 def points_of(path):
-    with sqlite3.connect(path / "archive.sqlite") as archive:
-        return archive.execute("SELECT number, r0_rep, a_shill, seeds, fitness FROM evaluations ORDER BY 1").fetchall()
+    with contextlib.closing(sqlite3.connect(path / "archive.sqlite")) as archive:
+        try:
+            return archive.execute(
+                "SELECT number, r0_rep, a_shill, seeds, fitness FROM evaluations ORDER BY 1"
+            ).fetchall()
+        except sqlite3.OperationalError:  # its table is not there yet
+            return []
 
 
 def rows_so_far(path):

@@ -12,7 +12,17 @@ from optimize.objectives import PAPER
 def flown(number, point, objectives):
     """An evaluation with the given (F_1, F_2) per flight."""
     fitness = np.array([[f_1, 1, f_2, 1, 1, 1] for f_1, f_2 in objectives])
-    return Evaluation(number, point, tuple(range(len(fitness))), np.zeros_like(fitness), fitness, 0.1, "me", "ok")
+    return Evaluation(
+        number,
+        point,
+        tuple(range(len(fitness))),
+        np.zeros_like(fitness),
+        fitness,
+        np.ones((len(fitness), 12)),
+        0.1,
+        "me",
+        "ok",
+    )
 
 
 def test_non_dominated_points():

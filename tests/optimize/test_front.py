@@ -29,6 +29,7 @@ def evaluation(task, fitness, outcome="ok"):
         seeds=task.seeds,
         order_parameters=np.zeros((len(task.seeds), 6)),
         fitness=fitness,
+        figures=np.zeros((len(task.seeds), 12)),
         seconds=0.0,
         worker="test",
         outcome=outcome,

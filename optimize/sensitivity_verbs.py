@@ -1,0 +1,157 @@
+"""What `moflock sensitivity` and `moflock sweep` do, from its arguments to what it prints."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from controllers.flocking import FlockingParams
+from moflock_mj.errors import SearchError
+from moflock_mj.new_file import new_file
+from moflock_mj.points import load_point
+from moflock_mj.scenario import Scenario
+from optimize.bounds import Bounds
+from optimize.configuration import search_scenario
+from optimize.evaluation import Job
+from optimize.executor import make_executor
+from optimize.figures import save
+from optimize.fly_points import fresh_seeds
+from optimize.objectives import FITNESS_NAMES
+from optimize.sensitivity import OneAtATime, SobolIndices, check_counts, one_at_a_time, sobol_indices, sweep
+from optimize.sensitivity_figures import one_at_a_time_figure, sobol_figure, sweep_figure
+from optimize.statistics import half_width
+from optimize.tables import Words, rich_table
+from optimize.verbs import flights_progress
+
+
+def sensitivity(
+    point: str,
+    *,
+    scenario: Scenario,
+    dynamics: str,
+    bounds: Bounds,
+    samples: int,
+    levels: int,
+    seeds: int,
+    workers: int,
+    scheduler: str | None,
+    out: Path,
+    as_json: bool,
+) -> int:
+    """Fly both studies, print the indices, write JSON and two figures into the folder `out`.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown or written.
+    """
+    params = load_point(point)
+    check_counts(samples=samples, levels=levels, seeds=seeds)
+    job = Job(scenario=search_scenario(scenario, dynamics), dynamics=dynamics)
+    with make_executor(job, workers, scheduler) as executor:
+        with flights_progress("Sobol indices") as told:
+            indices = sobol_indices(executor, bounds, samples=samples, told=told)
+        with flights_progress("one at a time") as told:
+            along = one_at_a_time(executor, params, bounds, seeds=fresh_seeds(seeds), levels=levels, told=told)
+    content = json.dumps(_content(point, params, indices, along, seeds), indent=1) + "\n"
+    with new_file(out / "sensitivity.json") as place:
+        place.write_text(content, encoding="utf-8")
+    save(lambda: sobol_figure(indices), out / "sobol.png")
+    save(lambda: one_at_a_time_figure(along, params), out / "one_at_a_time.png")
+    if as_json:
+        print(content, end="")
+        return 0
+    console = Console()
+    console.print(rich_table(_table("First order", indices.first, indices.first_width)))
+    console.print(rich_table(_table("Total", indices.total, indices.total_width)))
+    console.print(f"figures and JSON: {out}", highlight=False, soft_wrap=True)
+    return 0
+
+
+def sweeps(
+    point: str,
+    fields: Mapping[str, Sequence[float]],
+    *,
+    scenario: Scenario,
+    dynamics: str,
+    seeds: int,
+    workers: int,
+    scheduler: str | None,
+    out: Path,
+    as_json: bool,
+) -> int:
+    """Fly a point over values of scenario fields; print means, write a figure of each field and JSON into `out`.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown or written.
+    """
+    params = load_point(point)
+    if not fields:
+        raise SearchError("sweep: no field is given; it must be at least one, such as --drones 5,10,30")
+    content: dict[str, Any] = {"point": point, "dynamics": dynamics, "seeds": list(fresh_seeds(seeds)), "sweeps": {}}
+    console = Console()
+    for field, values in fields.items():
+        with flights_progress(field) as told:
+            found = sweep(
+                params,
+                scenario,
+                field,
+                values,
+                dynamics=dynamics,
+                seeds=fresh_seeds(seeds),
+                workers=workers,
+                scheduler=scheduler,
+                told=told,
+            )
+        unit = next(part.metadata["bounds"].unit for part in dataclasses.fields(Scenario) if part.name == field)
+        save(partial(sweep_figure, found, unit), out / f"{field}.png")
+        content["sweeps"][field] = {"values": list(values), "fitness": found.fitness.tolist()}
+        if not as_json:
+            pairs = zip(values, found.fitness.mean(axis=1), half_width(found.fitness, axis=1), strict=True)
+            rows = [
+                (f"{value:g}", *(f"{mean:.3f} ± {width:.3f}" for mean, width in zip(means, widths, strict=True)))
+                for value, means, widths in pairs
+            ]
+            console.print(rich_table(Words(field, (field, *(f"F_{name}" for name in FITNESS_NAMES)), rows)))
+    text = json.dumps(content, indent=1) + "\n"
+    with new_file(out / "sweeps.json") as place:
+        place.write_text(text, encoding="utf-8")
+    print(text if as_json else f"figures and JSON: {out}\n", end="")
+    return 0
+
+
+def _content(
+    point: str, params: FlockingParams, indices: SobolIndices, along: OneAtATime, seeds: int
+) -> dict[str, Any]:
+    arrays = {name: _lists(values) for name, values in indices._asdict().items() if name != "points"}
+    return {
+        "fitnesses": list(FITNESS_NAMES),
+        "parameters": list(FlockingParams._fields),
+        "sobol": arrays | {"points": indices.points},
+        "one_at_a_time": {
+            "point": point,
+            "params": params._asdict(),
+            "seeds": list(fresh_seeds(seeds)),
+            "values": along.values.tolist(),
+            "fitness": along.fitness.tolist(),
+        },
+    }
+
+
+def _lists(values: NDArray[np.float64]) -> list[list[float | None]]:
+    return [[value if np.isfinite(value) else None for value in row] for row in values.tolist()]
+
+
+def _table(title: str, values: NDArray[np.float64], widths: NDArray[np.float64]) -> Words:
+    """Parameters down, fitnesses across."""
+    rows = [
+        (name, *(f"{value:.2f} ± {width:.2f}" for value, width in zip(values[:, k], widths[:, k], strict=True)))
+        for k, name in enumerate(FlockingParams._fields)
+    ]
+    return Words(title, ("parameter", *(f"F_{name}" for name in FITNESS_NAMES)), rows)

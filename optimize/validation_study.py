@@ -1,0 +1,153 @@
+"""The validation that stands in the documentation: `python -m optimize.validation_study`, which is `make validation`.
+
+Writes `docs/validation.md` and its figure. What was flown once stays in `logs/validation/` and is not flown again;
+remove that folder to begin anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moflock_mj.errors import SearchError
+from moflock_mj.identification import identify
+from moflock_mj.new_file import new_file
+from moflock_mj.response import PointMassResponse
+from moflock_mj.scenario import Scenario
+from optimize import identification_page
+from optimize.configuration import search_scenario
+from optimize.evaluation import FIGURE_NAMES, Job
+from optimize.executor import make_executor
+from optimize.figures import save
+from optimize.fly_points import FlownPoints, fly_points
+from optimize.objectives import PAPER
+from optimize.tables import Words, markdown
+from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, ValidationDirectory, make_settings
+from optimize.validation_figures import fronts_figure
+from optimize.validation_page import page
+from optimize.validation_verbs import crews, validated, write
+from optimize.verbs import flights_progress
+
+POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
+
+
+def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, workers: int) -> Path:
+    """Validate the named points, identify the airframe, and show what the calibrated point mass changes.
+
+    Args:
+        scenario: what is flown.
+        logs: the validation's directory, which is taken up again.
+        docs: gets `validation.md` and a folder with its figure.
+        seeds: of each point.
+        workers: processes.
+
+    Returns:
+        The page.
+
+    Raises:
+        MoflockError: something cannot be flown or written, or the directory is of another study.
+    """
+    settings = make_settings(scenario, POINTS, seeds)
+    run = ValidationDirectory.open(logs) if logs.exists() else ValidationDirectory.create(logs, settings)
+    with run, contextlib.ExitStack() as resources:
+        if (run.settings.scenario, run.settings.seeds) != (settings.scenario, settings.seeds):
+            raise SearchError(f"run directory {logs}: it is of another scenario or other seeds; remove it")
+        found, logged = validated(run, crews(settings, workers, None, resources), logs=True)
+    if found is None:
+        raise SearchError(f"run directory {logs}: stopped before its end; run it again to go on")
+    write(found, logged, logs)
+    identified = identify(scenario)
+    calibrated = _calibrated(found, identified.response, workers)
+    words = (*identification_page.tables(identified), *calibration_tables(found, calibrated))
+    sections = [f"## {table.title}\n\n{markdown(table.head, table.rows)}" for table in words]
+    text = "\n\n".join(
+        [
+            page(found, logged, "validation/fronts.png").rstrip(),
+            "## The point mass of this airframe",
+            "Written by `make validation`. `moflock identify` flies velocity steps on the rigid body and fits the "
+            "point mass to them; its delay stands inside the velocity's loop.",
+            *sections,
+        ]
+    )
+    with new_file(docs / "validation.md") as place:
+        place.write_text(text + "\n", encoding="utf-8")
+    save(lambda: fronts_figure(found), docs / "validation" / "fronts.png")
+    return docs / "validation.md"
+
+
+def calibration_tables(found: Validation, calibrated: FlownPoints) -> tuple[Words, Words]:
+    """What the calibrated point mass changes: objectives, and the velocity error, beside both dynamics."""
+    ours = PAPER.of_columns(calibrated.fitness).mean(axis=1)
+    mean = found.objectives.mean(axis=2)
+    before = np.abs(mean[POINT_MASS] - mean[RIGID_BODY])
+    after = np.abs(ours - mean[RIGID_BODY])
+    objectives = [
+        (
+            name,
+            *(
+                cell
+                for k in range(2)
+                for cell in (
+                    f"{mean[POINT_MASS, number, k]:.3f}",
+                    f"{ours[number, k]:.3f}",
+                    f"{mean[RIGID_BODY, number, k]:.3f}",
+                    f"{before[number, k]:.3f} to {after[number, k]:.3f}",
+                )
+            ),
+        )
+        for number, name in enumerate(found.names)
+    ]
+    head = [f"{name} {what}" for name in PAPER.names for what in ("point mass", "calibrated", "rigid body", "distance")]
+    column = FIGURE_NAMES.index("velocity_error_rms")
+    plain, body = (found.column("velocity_error_rms", dynamics).mean(axis=1) for dynamics in (POINT_MASS, RIGID_BODY))
+    fitted = calibrated.figures[:, :, column].mean(axis=1)
+    errors = [
+        (name, *(f"{value[number]:.3f}" for value in (plain, fitted, body)), *_shares(plain, fitted, body, number))
+        for number, name in enumerate(found.names)
+    ]
+    return (
+        Words("Objectives of the calibrated point mass", ("point", *head), objectives),
+        Words(
+            "Velocity error, m/s RMS",
+            ("point", "point mass", "calibrated", "rigid body", "point mass less body", "calibrated less body"),
+            errors,
+        ),
+    )
+
+
+def _shares(
+    plain: NDArray[np.float64], fitted: NDArray[np.float64], body: NDArray[np.float64], number: int
+) -> list[str]:
+    return [f"{100 * (value[number] / body[number] - 1):+.1f} %" for value in (plain, fitted)]
+
+
+def _calibrated(found: Validation, response: PointMassResponse, workers: int) -> FlownPoints:
+    """The same points and seeds on point masses with the response of the airframe."""
+    settings = found.settings
+    scenario = search_scenario(settings.scenario.replace(point_mass=response), "point_mass")
+    points = np.array(list(settings.points.values()), np.float64)
+    job = Job(scenario=scenario, dynamics="point_mass")
+    with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as told:
+        return fly_points(executor, points, [settings.seeds] * len(points), told)
+
+
+def main() -> None:
+    """Read the arguments and do the study."""
+    parser = argparse.ArgumentParser(description="Validate the named points and write docs/validation.md.")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--logs", type=Path, default=Path("logs/validation"))
+    parser.add_argument("--docs", type=Path, default=Path("docs"))
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--duration", type=float, default=Scenario().duration)
+    asked = parser.parse_args()
+    scenario = Scenario(duration=asked.duration)
+    print(make_study(scenario, asked.logs, asked.docs, seeds=asked.seeds, workers=asked.workers))
+
+
+if __name__ == "__main__":
+    main()
