@@ -1,17 +1,17 @@
 """What faults do to a flight: a schedule in whole beats, and the stages at which the loop follows it.
 
 - rotor_loss: the rotor gives a share of the thrust that it is commanded; the controllers do not know.
-- gps_outage: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the last
-  fix, and that of its position grows by it. It tells what it believes for `DEAD_RECKONING` s more, and then nothing.
+- gps_outage: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
+  last fix, and that of its position grows by it. It tells what it believes for `DEAD_RECKONING` s, and then nothing.
 - gps_jump: the position that it reads and tells is off. Its velocity, by Doppler shift, is not.
 - blackout: the drone hears nobody. Without neighbours the policy leaves self-propulsion and walls.
 - packet_loss: packets to or from it get lost at random, on top of other losses.
 - silent: it sends nothing. Packets that are in the air still arrive.
-- switched_off: rotors stand still, and it sends nothing. A point mass falls on a parabola down to the ground, and stays.
+- switched_off: rotors stand still, and it sends nothing. A point mass falls on a parabola to the ground, and stays.
 
-A drone that has sent nothing is no neighbour, from the first packet that is missing: nobody goes by old packets. Nor is
-one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a falling drone draws nobody along. A fault
-acts in the beats that begin at `at` or later and before `at + lasts`; on sensing and policy, from the next tick on.
+A drone that has sent nothing is no neighbour, from the first packet that is missing: nobody goes by old packets. Nor
+is one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a falling drone draws nobody along. A
+fault acts in the beats that begin at `at` or later and before `at + lasts`; on sensing and policy, from the next tick.
 """
 
 from __future__ import annotations

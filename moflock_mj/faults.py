@@ -7,6 +7,7 @@ fault has brought down included.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING, ClassVar
 
 from moflock_mj.errors import ScenarioError
@@ -116,19 +117,20 @@ class Fault(Section):
 def standard_faults(scenario: Scenario) -> dict[str, Scenario]:
     """The set of faults that a flock should survive: the scenario with each kind of fault alone, by name.
 
-    Each begins after a third of the flight, when the flock has formed, and one that ends lasts another third. It befalls
-    drone 0, since all are alike; blackout and packet loss befall all, and blackout one drone as well.
+    Each begins after a third of the flight, when the flock has formed, and one that may end lasts another third, but
+    for the rotor, which stays damaged. It befalls drone 0, since all are alike; packet loss befalls all, and blackout
+    one drone or all. Point masses refuse `rotor_loss`.
     """
-    at = lasts = scenario.duration / 3
-    passing = {"at": at, "lasts": lasts}
+    at = scenario.duration / 3
+    passing = functools.partial(Fault, at=at, lasts=at)
     faults = {
         "rotor_loss": Fault(kind="rotor_loss", at=at, drone=0, rotor=0, effectiveness=0.5),
-        "gps_outage": Fault(kind="gps_outage", drone=0, **passing),
-        "gps_jump": Fault(kind="gps_jump", drone=0, jump=(10.0, 0.0), **passing),
-        "blackout": Fault(kind="blackout", drone=0, **passing),
-        "blackout_of_all": Fault(kind="blackout", **passing),
-        "packet_loss": Fault(kind="packet_loss", share=0.5, **passing),
-        "silent": Fault(kind="silent", drone=0, **passing),
+        "gps_outage": passing(kind="gps_outage", drone=0),
+        "gps_jump": passing(kind="gps_jump", drone=0, jump=(10.0, 0.0)),
+        "blackout": passing(kind="blackout", drone=0),
+        "blackout_of_all": passing(kind="blackout"),
+        "packet_loss": passing(kind="packet_loss", share=0.5),
+        "silent": passing(kind="silent", drone=0),
         "switched_off": Fault(kind="switched_off", at=at, drone=0),
     }
     return {name: scenario.replace(faults=(fault,)) for name, fault in faults.items()}

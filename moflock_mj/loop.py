@@ -57,7 +57,7 @@ class Record(NamedTuple):
 
 
 class Stages(NamedTuple):
-    """What a flight is made of; the types of `plant`, `params`, `arena` and `faults` choose the stages' implementations."""
+    """What a flight is made of; the types of `plant`, `params`, `arena` and `faults` choose the implementations."""
 
     clocks: Clocks
     plant: NamedTuple

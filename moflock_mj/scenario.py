@@ -121,7 +121,9 @@ class Scenario:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Scenario:
-        """A scenario from its fields by name, sections as mappings or None, faults as a list; what is left out keeps its default.
+        """A scenario from its fields by name, sections as mappings or None, faults as a list of mappings.
+
+        What is left out keeps its default.
 
         Raises:
             ScenarioError: there is a field or a value that a scenario does not have.

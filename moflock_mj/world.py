@@ -17,8 +17,8 @@ class World(NamedTuple):
     Attributes:
         position: (3, N), m, world, z up.
         velocity: (3, N), m/s, world.
-        touched: (N,), 1 for a drone that has touched another one or the ground; point masses touch nothing but the ground,
-            when they are switched off in flight.
+        touched: (N,), 1 for a drone that has touched another one or the ground; point masses do only when they
+            are switched off.
     """
 
     position: NDArray[np.float64]
