@@ -1,6 +1,6 @@
 """What faults do to a flight: a schedule in whole beats, and the stages at which the loop follows it.
 
-- rotor_loss: the rotor gives a share of the thrust that it is commanded; the controllers do not know.
+- rotor_loss: the rotor gives a share of the thrust that it is commanded, at full power; the controllers do not know.
 - gps_outage: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
   last fix, and that of its position grows by it. It tells what it believes for `DEAD_RECKONING` s, and then nothing.
 - gps_jump: the position that it reads and tells is off. Its velocity, by Doppler shift, is not.
@@ -11,7 +11,10 @@
 
 A drone that has sent nothing is no neighbour, from the first packet that is missing: nobody goes by old packets. Nor
 is one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a falling drone draws nobody along. A
-fault acts in the beats that begin at `at` or later and before `at + lasts`; on sensing and policy, from the next tick.
+flight without faults has none of this, as in the paper.
+
+A fault acts in the beats that begin at `at` or later and before `at + lasts`; on sensing and policy, from the next
+tick on.
 """
 
 from __future__ import annotations
