@@ -102,9 +102,10 @@ def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
 def test_its_log_tells_the_sections_and_is_verified_and_resumed(tmp_path, dynamics):
     path = tmp_path / "a.mcap"
     flight = fly(POINT, scenario=EVERYTHING, dynamics=dynamics, seed=3, log=path)
-    assert read_log(path).scenario == EVERYTHING
-    assert verify(path).identical
-    again = resume(path, 10.0)
+    logged = read_log(path)
+    assert logged.scenario == EVERYTHING
+    assert verify(logged).identical
+    again = resume(logged, 10.0)
     np.testing.assert_array_equal(again.samples.position[-1], flight.samples.position[-1])
 
 
