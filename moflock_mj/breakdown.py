@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
+from controllers.cascade import Gains, rotor_wrench
 from controllers.compiling import Off, hot_stage, implements, kernel, stage
 from controllers.policy import Sensed
 from moflock_mj.clocks import Clocks
@@ -233,8 +234,10 @@ def has_fix(faults: NamedTuple, i: int) -> bool:
 
 
 @hot_stage
-def delivered_thrust(faults: NamedTuple, thrust: NDArray[np.float64], i: int) -> NDArray[np.float64]:
-    """What the rotors of drone i give, (4,), N, of their thrust, (N, 4), N; chosen by the type of `faults`."""
+def delivered_wrench(
+    faults: NamedTuple, gains: Gains, thrust: NDArray[np.float64], i: int
+) -> tuple[float, float, float, float]:
+    """What the rotors of drone i do to it, as `rotor_wrench`, by thrusts (N, 4), N; chosen by the type of `faults`."""
     raise NotImplementedError
 
 
@@ -278,10 +281,14 @@ def _has_fix_always(faults: Off, i: int) -> bool:  # noqa: ARG001
     return True
 
 
-@implements(delivered_thrust, Off)
-def _all_thrust(faults: Off, thrust: NDArray[np.float64], i: int) -> NDArray[np.float64]:  # noqa: ARG001
-    row: NDArray[np.float64] = thrust[i]
-    return row
+@implements(delivered_wrench, Off)
+def _whole_wrench(
+    faults: Off,  # noqa: ARG001
+    gains: Gains,
+    thrust: NDArray[np.float64],
+    i: int,
+) -> tuple[float, float, float, float]:
+    return rotor_wrench(gains, thrust[i])
 
 
 @kernel
@@ -413,9 +420,10 @@ def _has_fix(faults: Breakdown, i: int) -> bool:
     return bool(faults.without_fix[i] < 0)
 
 
-@implements(delivered_thrust, Breakdown)
-def _delivered_thrust(faults: Breakdown, thrust: NDArray[np.float64], i: int) -> NDArray[np.float64]:
+@implements(delivered_wrench, Breakdown)
+def _weak_wrench(
+    faults: Breakdown, gains: Gains, thrust: NDArray[np.float64], i: int
+) -> tuple[float, float, float, float]:
     for rotor in range(ROTORS):
         faults.delivered[i, rotor] = faults.effectiveness[i, rotor] * thrust[i, rotor]
-    row: NDArray[np.float64] = faults.delivered[i]
-    return row
+    return rotor_wrench(gains, faults.delivered[i])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
-from controllers.cascade import OBSERVER_SIZE, Gains, rotor_wrench, track_velocity
+from controllers.cascade import OBSERVER_SIZE, Gains, track_velocity
 from controllers.compiling import Off, hot_kernel, implements, kernel
 from controllers.tuning import TuningError, design_gains, largest_push
 from moflock_mj.aerodynamics import (
@@ -28,7 +28,7 @@ from moflock_mj.aerodynamics import (
 )
 from moflock_mj.airframes import flock_model, load_airframe
 from moflock_mj.battery import battery_lift, drain, make_cells, power_factor, rotor_power
-from moflock_mj.breakdown import Breakdown, delivered_thrust
+from moflock_mj.breakdown import Breakdown, delivered_wrench
 from moflock_mj.errors import AirframeError
 from moflock_mj.feasibility import check_air
 from moflock_mj.inertial import Sensors, believed, feel, make_sensors, take_bearings, walk_biases
@@ -167,7 +167,7 @@ def _push(plant: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
     """
     gains, qpos, force, thrust = plant.gains, plant.qpos, plant.qfrc_applied, plant.thrust
     lift = battery_lift(plant.battery, i) * ground_lift(plant.ground, qpos[i, 2])
-    total, torque_x, torque_y, torque_z = rotor_wrench(gains, delivered_thrust(plant.faults, thrust, i))
+    total, torque_x, torque_y, torque_z = delivered_wrench(plant.faults, gains, thrust, i)
     total *= lift
     noise_x, noise_y = draw_force(plant.outer, noise, k, i)
     qw, qx, qy, qz = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from controllers.compiling import Off
-from moflock_mj import Scenario, air
-from moflock_mj.breakdown import NEVER, beats_of, delivered_thrust, make_breakdown, strike
+from moflock_mj import Scenario, air, paper_point
+from moflock_mj.breakdown import NEVER, beats_of, delivered_wrench, make_breakdown, strike
 from moflock_mj.clocks import Clocks
 from moflock_mj.errors import ScenarioError
 from moflock_mj.events import fault_events
 from moflock_mj.faults import KINDS, Fault, standard_faults
+from moflock_mj.flock import Flock
 from moflock_mj.inertial import make_sensors, take_bearings
 from moflock_mj.live_bodies import LiveBodies
 from moflock_mj.randomness import Streams
@@ -21,7 +22,7 @@ from moflock_mj.world import World
 from tests.compiled import compiled
 from tests.twins import acting
 
-STRIKE, DELIVERED, BEARINGS = compiled(strike, 3), compiled(delivered_thrust, 3), compiled(take_bearings, 6)
+STRIKE, WRENCH, BEARINGS = compiled(strike, 3), compiled(delivered_wrench, 4), compiled(take_bearings, 6)
 SHORT = Scenario(drones=4, arena_side=100.0, duration=12.0)
 
 
@@ -151,12 +152,13 @@ def test_faults_together_are_those_of_the_slow_twin():
 
 
 def test_a_weak_rotor_delivers_its_share_and_no_other_does():
+    gains = Flock(paper_point("A"), SHORT, "rigid_body", 1).body.design.gains
     thrust = np.arange(16.0).reshape(4, 4)
     faults, world = broken(Fault(kind="rotor_loss", drone=3, rotor=1, effectiveness=0.25))
     STRIKE(faults, world, 0)
-    np.testing.assert_array_equal(DELIVERED(faults, thrust, 3), [12, 13 / 4, 14, 15])
-    np.testing.assert_array_equal(DELIVERED(faults, thrust, 2), thrust[2])
-    np.testing.assert_array_equal(DELIVERED(Off(), thrust, 2), thrust[2])
+    assert WRENCH(faults, gains, thrust, 3) == pytest.approx(gains.wrench_matrix @ [12, 13 / 4, 14, 15])
+    assert WRENCH(faults, gains, thrust, 2) == pytest.approx(gains.wrench_matrix @ thrust[2])
+    assert WRENCH(Off(), gains, thrust, 3) == pytest.approx(gains.wrench_matrix @ thrust[3])
 
 
 def test_an_estimator_without_gps_is_corrected_in_height_alone():
