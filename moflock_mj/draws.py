@@ -20,6 +20,7 @@ class Draws(NamedTuple):
     Attributes:
         gps: (ticks, 2, 2, N), N(0, 1).
         loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no packet can be lost.
+        fault_loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no fault loses packets.
         fix: (ticks, 2, N), N(0, 1), of barometer and compass.
         outer: (steps, 2, N), N(0, 1).
         gust: (beats, 5, N), N(0, 1).
@@ -31,6 +32,7 @@ class Draws(NamedTuple):
 
     gps: NDArray[np.float64]
     loss: NDArray[np.float64]
+    fault_loss: NDArray[np.float64]
     fix: NDArray[np.float64]
     outer: NDArray[np.float64]
     gust: NDArray[np.float64]
@@ -52,9 +54,11 @@ def draw(streams: Streams, scenario: Scenario, dynamics: str, *, ticks: int, bea
     drones = scenario.drones
     imu = dynamics == "rigid_body" and scenario.imu is not None
     lossy = drones if scenario.packet_loss_ratio > 0 else 0
+    burst = drones if any(fault.kind == "packet_loss" for fault in scenario.faults) else 0
     return Draws(
         gps=streams.sensing.standard_normal((ticks, 2, 2, drones)),
         loss=streams.communication.random((ticks, lossy, lossy)),
+        fault_loss=streams.faults.random((ticks, burst, burst)),
         fix=streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
         outer=streams.disturbance.standard_normal((steps if scenario.wind is None else 0, 2, drones)),
         gust=streams.wind.standard_normal((beats if scenario.wind else 0, GUST_DRAWS, drones)),

@@ -7,12 +7,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moflock_mj.breakdown import NEVER, beats_of
 from moflock_mj.loop import Record
 from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED
+from moflock_mj.scenario import Scenario
 
 
 class FlightEvent(NamedTuple):
-    """Something worth telling: a touch, a near miss, a breach of the arena, the end of the flight.
+    """Something worth telling: a touch, a near miss, a breach of the arena, a fault, the end of the flight.
 
     Attributes:
         time_ns: simulated time, ns.
@@ -55,6 +57,25 @@ def find_events(
         if flags & OUTSIDE:
             events.append(FlightEvent(when, "info", f"drone {drone} left the arena", drone))
     return events
+
+
+def fault_events(scenario: Scenario, period: float, after_ns: int, until_ns: int) -> list[FlightEvent]:
+    """Beginnings and ends of faults, in order of time.
+
+    Args:
+        scenario: says which there are.
+        period: s, of a beat.
+        after_ns: events of this time and before are left out.
+        until_ns: and so are those after this one.
+    """
+    events = []
+    for fault in scenario.faults:
+        drone = -1 if fault.drone is None else fault.drone
+        for beat, ends in zip(beats_of(fault, period), ("", " (over)"), strict=True):
+            time_ns = beat * round(period * 1e9) if beat < NEVER else until_ns + 1
+            if after_ns < time_ns <= until_ns:
+                events.append(FlightEvent(time_ns, "warning", f"{fault.describe()}{ends}", drone))
+    return sorted(events, key=lambda event: event.time_ns)
 
 
 def _nearest(position: NDArray[np.float64], drone: int) -> tuple[int, float]:

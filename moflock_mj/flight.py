@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
-from moflock_mj.events import FlightEvent, find_events
+from moflock_mj.events import FlightEvent, fault_events, find_events
 from moflock_mj.fitness import Fitness, fitness_of
 from moflock_mj.flock import Flock
 from moflock_mj.loop import Record
@@ -115,7 +115,7 @@ class AnyFlight:
         order_parameters: over the flight.
         fitness: of them.
         samples: the flight; None if they were not kept.
-        events: touches, near misses, breaches, in order of time.
+        events: touches, near misses, breaches, faults, in order of time.
         log: where it is logged, or None.
     """
 
@@ -209,6 +209,7 @@ def fly_on(
     events: list[FlightEvent] = []
     before, first = flock.memory.tally.status.copy(), flock.samples
     meter = MotionMeter(scenario, started=first > 0)
+    period, told_ns = flock.stages.clocks.steps_per_beat * flock.step, round(flock.time * 1e9) if first else -1
     with contextlib.ExitStack() as resources:
         if log is not None:
             from moflock_mj.flight_log import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
@@ -225,7 +226,9 @@ def fly_on(
                 continue  # the samples are farther apart than a chunk is long
             time_ns = sample_times(scenario, number, len(record.nearest))
             found = find_events(record, before, time_ns, flock.touched_with)
-            before = record.status[-1]
+            found += fault_events(scenario, period, told_ns, int(time_ns[-1]))
+            found.sort(key=lambda event: event.time_ns)
+            before, told_ns = record.status[-1], int(time_ns[-1])
             events += found
             meter.add(record)
             for follower in told:

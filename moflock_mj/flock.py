@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from controllers.flocking import FlockingParams
 from controllers.policy import Sensed, SpeedLimits
 from moflock_mj.arena import SquareArena
+from moflock_mj.breakdown import Breakdown, make_breakdown
 from moflock_mj.clocks import Clocks
 from moflock_mj.draws import Draws, draw
 from moflock_mj.errors import FlightError, LogError, ScenarioError
@@ -53,11 +54,12 @@ class Flock:
         world = start_world(scenario, self.streams.start)
         self.body = None
         self.wind = make_wind(scenario, clocks.steps_per_beat * self.step, self.streams.wind)
+        self.faults = make_breakdown(scenario, dynamics, self.step, clocks)
         plant: NamedTuple
         if dynamics == "rigid_body":
             from moflock_mj.rigid_body import RigidBodyFlock  # noqa: PLC0415 - point masses fly without MuJoCo
 
-            self.body = RigidBodyFlock(scenario, self.step, clocks.steps_per_beat, world, self.wind)
+            self.body = RigidBodyFlock(scenario, self.step, clocks.steps_per_beat, world, self.wind, self.faults)
             plant = self.body.plant
         else:
             plant = make_point_masses(scenario, self.step, world, self.wind)
@@ -74,6 +76,7 @@ class Flock:
                 r_comm=scenario.r_comm,
                 packet_loss=scenario.packet_loss_ratio / scenario.packet_loss_distance**2,
             ),
+            faults=self.faults,
             yardstick=Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll),
         )
         self.memory = Memory(
@@ -135,8 +138,13 @@ class Flock:
 
     @property
     def touched_with(self) -> NDArray[np.int64] | None:
-        """(N,), what each drone that touched something has touched; None for point masses."""
-        return self.body.plant.extremes.touch_with if self.body else None
+        """(N,), what each drone that touched something has touched; None for point masses without faults.
+
+        Point masses touch nothing but the ground, when they are switched off.
+        """
+        if self.body:
+            return self.body.plant.extremes.touch_with
+        return np.full(self.scenario.drones, -1) if self.scenario.faults else None
 
     def snapshot(self) -> bytes:
         """The whole state, from which `restore` goes on bit by bit."""
@@ -179,6 +187,8 @@ class Flock:
             rooms["delay"], plant = plant, plant.response
         if isinstance(plant, WindyPointMass):
             rooms["point_mass"] = plant
+        if isinstance(self.faults, Breakdown):
+            rooms["faults"] = self.faults.memory
         named = {
             f"{room}.{name}": array
             for room, held in rooms.items()

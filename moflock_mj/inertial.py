@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from controllers.attitude import body_axes
 from controllers.compiling import Off, implements, kernel, stage
 from controllers.navigation import Navigation, correct, design_fixes, integrate
+from moflock_mj.breakdown import has_fix
 from moflock_mj.scenario import Scenario
-from moflock_mj.world import World
-
-GRAVITY = 9.81
-"""m/s^2, as in the flock's model."""
+from moflock_mj.world import GRAVITY, World
 
 
 class Sensors(NamedTuple):
@@ -154,6 +152,7 @@ def take_bearings(
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     draws: NDArray[np.float64],
+    faults: NamedTuple,
 ) -> None:
     """Correct the beliefs by GPS velocity, barometer and compass; chosen by the type of `sensors`.
 
@@ -163,6 +162,7 @@ def take_bearings(
         qvel: (N, 6), the truth.
         velocity_error: (2, N), m/s, GPS error.
         draws: (1, 2, N), N(0, 1).
+        faults: say who has no GPS velocity.
     """
 
 
@@ -200,6 +200,7 @@ def _take_none(
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     draws: NDArray[np.float64],
+    faults: NamedTuple,
 ) -> None:
     pass
 
@@ -272,14 +273,17 @@ def _take_bearings(
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     draws: NDArray[np.float64],
+    faults: NamedTuple,
 ) -> None:
+    believed_velocity = sensors.navigation.qvel
     for i in range(qpos.shape[0]):
         xx, _, _, yx, _, _, _, _, _ = body_axes(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
+        fixed = has_fix(faults, i)
         correct(
             sensors.navigation,
             i,
-            qvel[i, 0] + velocity_error[0, i],
-            qvel[i, 1] + velocity_error[1, i],
+            qvel[i, 0] + velocity_error[0, i] if fixed else believed_velocity[i, 0],
+            qvel[i, 1] + velocity_error[1, i] if fixed else believed_velocity[i, 1],
             qpos[i, 2] + sensors.baro_noise * draws[0, 0, i],
             atan2(yx, xx) + sensors.compass_noise * draws[0, 1, i],
         )

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compiling import entry_kernel
+from controllers.compiling import Off, entry_kernel
 from moflock_mj.draws import Draws, draw, noise_of_beat
+from moflock_mj.errors import ScenarioError
 from moflock_mj.plant import advance, take_fix
 from moflock_mj.randomness import Streams
 from moflock_mj.rigid_body import RigidBody, RigidBodyFlock
@@ -67,12 +68,14 @@ class LiveBodies:
 
     def __init__(self, scenario: Scenario, places: NDArray[np.float64], streams: Streams, beat: int = 4) -> None:
         drones = len(places)
+        if scenario.faults:
+            raise ScenarioError("faults: live bodies have none of a scenario: take them out; a fleet has its own")
         self.step = scenario.step_for("rigid_body")
         self._world = World.at_rest(drones)
         self._world.position[:2] = places.T
         self._beat, self._scenario = beat, scenario.replace(drones=drones)
         wind = make_wind(self._scenario, beat * self.step, streams.wind)
-        flock = RigidBodyFlock(self._scenario, self.step, beat, self._world, wind)
+        flock = RigidBodyFlock(self._scenario, self.step, beat, self._world, wind, Off())
         self._flock = flock  # keeps alive what the plant points to
         self._plant = plant = flock.plant
         self._streams = streams

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, kernel
 from controllers.policy import Sensed, SpeedLimits, desired_velocity
+from moflock_mj.breakdown import fall, hold_blind, spoil_packets, strike
 from moflock_mj.clocks import Clocks
 from moflock_mj.draws import Draws, noise_of_beat
 from moflock_mj.order_parameters import Tally, Yardstick, count_sample, write_running
@@ -56,7 +57,7 @@ class Record(NamedTuple):
 
 
 class Stages(NamedTuple):
-    """What a flight is made of; the types of `plant`, `params` and `arena` choose the stages' implementations."""
+    """What a flight is made of; the types of `plant`, `params`, `arena` and `faults` choose the implementations."""
 
     clocks: Clocks
     plant: NamedTuple
@@ -64,6 +65,7 @@ class Stages(NamedTuple):
     limits: SpeedLimits
     arena: NamedTuple
     sensors: SensorModel
+    faults: NamedTuple
     yardstick: Yardstick
 
 
@@ -114,14 +116,16 @@ def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, firs
         first: number of the first beat.
         count: number of beats.
     """
-    clocks, world = stages.clocks, memory.world
+    clocks, world, faults = stages.clocks, memory.world, stages.faults
     sample, tick = 0, 0
     if first == 0:
         _sample(stages, memory, record, 0, 0)
         sample = 1
     for beat in range(first, first + count):
+        strike(faults, world, beat)
         if beat % clocks.sense_every == clocks.remember_at:
             remember(memory.sensor_state, world, beat // clocks.sense_every)
+            spoil_packets(faults, memory.sensor_state, world, beat // clocks.sense_every)
         if beat % clocks.sense_every == 0:
             heard = beat // clocks.sense_every - clocks.ticks_late
             sense(
@@ -129,18 +133,22 @@ def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, firs
                 memory.sensor_state,
                 world,
                 stages.arena,
+                faults,
                 heard,
                 draws.gps[tick],
                 draws.loss[tick],
+                draws.fault_loss[tick],
                 memory.sensed,
             )
             take_fix(stages.plant, memory.sensor_state.velocity_error[0], draws.fix[tick : tick + 1])
             desired_velocity(stages.params, stages.limits, memory.sensed, memory.desired)
+            hold_blind(faults, memory.desired)
             tick += 1
         noise = noise_of_beat(draws, beat - first, clocks.steps_per_beat)
         advance(
             stages.plant, world, memory.desired, memory.sensor_state.velocity_error[0], noise, clocks.steps_per_beat
         )
+        fall(faults, world)
         if (beat + 1) % clocks.sample_every == 0:
             _sample(stages, memory, record, beat + 1, sample)
             sample += 1

@@ -44,6 +44,8 @@ class Bounds:
         """Whether a value of the right type lies within the bounds."""
         if isinstance(value, str):
             return not self.choices or value in self.choices
+        if isinstance(value, tuple):
+            return all(self.admits(part) for part in value)
         if self.low is not None and (value < self.low or (self.open_low and value == self.low)):
             return False
         return self.high is None or value <= self.high
@@ -74,6 +76,11 @@ def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> No
                 limit = f"a {kind.__name__}{', or None' if may_be_off else ''}"
                 raise error(f"{name}: {value!r} is of the wrong type: it must be {limit}")
             continue
+        if "sections" in field.metadata:
+            kind = field.metadata["sections"]
+            if not isinstance(value, tuple) or not all(isinstance(held, kind) for held in value):
+                raise error(f"{name}: {value!r} is of the wrong type: it must be a tuple of {kind.__name__}")
+            continue
         value = _typed(field, name, value, error)
         bounds: Bounds = field.metadata["bounds"]
         if value is not None and not bounds.admits(value):
@@ -100,12 +107,20 @@ def _typed(field: dataclasses.Field[Any], name: str, value: Any, error: type[Mof
         return value
     if wanted[0] == "str" and isinstance(value, str):
         return value
+    if wanted[0] == "tuple[float, float]" and isinstance(value, (list, tuple)) and len(value) == 2:
+        return tuple(_real(name, part, error) for part in value)
     number = not isinstance(value, (bool, str)) and hasattr(value, "__float__")
     if wanted[0] == "int" and number and float(value).is_integer():
         return int(value)
-    if wanted[0] == "float" and number:
-        if not math.isfinite(value):
-            raise error(f"{name}: {value!r} is not a finite number")
-        return float(value)
-    kinds = {"bool": "true or false", "str": "a text", "int": "a whole number", "float": "a number"}
+    if wanted[0] == "float":
+        return _real(name, value, error)
+    kinds = {"bool": "true or false", "str": "a text", "int": "a whole number", "tuple[float, float]": "two numbers"}
     raise error(f"{name}: {value!r} is of the wrong type: it must be {kinds[wanted[0]]}")
+
+
+def _real(name: str, value: Any, error: type[MoflockError]) -> float:
+    if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
+        raise error(f"{name}: {value!r} is of the wrong type: it must be a number")
+    if not math.isfinite(value):
+        raise error(f"{name}: {value!r} is not a finite number")
+    return float(value)

@@ -18,6 +18,7 @@ class Streams(NamedTuple):
     inertial: np.random.Generator
     walk: np.random.Generator
     fix: np.random.Generator
+    faults: np.random.Generator
 
     @classmethod
     def of(cls, seed: int) -> Streams:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
-from controllers.cascade import OBSERVER_SIZE, Gains, rotor_wrench, track_velocity
+from controllers.cascade import OBSERVER_SIZE, Gains, track_velocity
 from controllers.compiling import Off, hot_kernel, implements, kernel
 from controllers.tuning import TuningError, design_gains, largest_push
 from moflock_mj.aerodynamics import (
@@ -28,6 +28,7 @@ from moflock_mj.aerodynamics import (
 )
 from moflock_mj.airframes import flock_model, load_airframe
 from moflock_mj.battery import battery_lift, drain, make_cells, power_factor, rotor_power
+from moflock_mj.breakdown import Breakdown, delivered_wrench
 from moflock_mj.errors import AirframeError
 from moflock_mj.feasibility import check_air
 from moflock_mj.inertial import Sensors, believed, feel, make_sensors, take_bearings, walk_biases
@@ -84,6 +85,7 @@ class RigidBody(NamedTuple):
         battery: of each drone, see `moflock_mj.battery`, or Off.
         power_factor: W/N^1.5, see `moflock_mj.battery`.
         sensors: on board, see `moflock_mj.inertial`, or Off.
+        faults: see `moflock_mj.breakdown`, or Off.
         reach: m, from a body's centre to the farthest point of its collision shape.
         model: address of the model.
         model_apart: address of the same model without collision detection.
@@ -111,6 +113,7 @@ class RigidBody(NamedTuple):
     battery: NamedTuple
     power_factor: float
     sensors: NamedTuple
+    faults: NamedTuple
     reach: float
     model: int
     model_apart: int
@@ -159,12 +162,12 @@ def _push(plant: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
     """Apply the rotors' wrench, the outer noise and the downwash to body i; then let the rotors follow their commands.
 
     As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag. `plant.thrust`
-    is what the controller believes; battery and ground make more or less of it, which its observer takes for a
-    disturbance.
+    is what the controller believes; battery, ground and faults make more or less of it, which its observer takes for
+    a disturbance.
     """
     gains, qpos, force, thrust = plant.gains, plant.qpos, plant.qfrc_applied, plant.thrust
     lift = battery_lift(plant.battery, i) * ground_lift(plant.ground, qpos[i, 2])
-    total, torque_x, torque_y, torque_z = rotor_wrench(gains, thrust[i])
+    total, torque_x, torque_y, torque_z = delivered_wrench(plant.faults, gains, thrust, i)
     total *= lift
     noise_x, noise_y = draw_force(plant.outer, noise, k, i)
     qw, qx, qy, qz = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
@@ -290,7 +293,7 @@ def advance_rigid_bodies(
 
 @implements(take_fix, RigidBody)
 def _take_fix(plant: RigidBody, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-    take_bearings(plant.sensors, plant.qpos, plant.qvel, velocity_error, noise)
+    take_bearings(plant.sensors, plant.qpos, plant.qvel, velocity_error, noise, plant.faults)
 
 
 @implements(write_state, RigidBody)
@@ -308,13 +311,16 @@ class RigidBodyFlock:
         beat: integration steps of a beat.
         world: where the drones start, level, with their rotors at hover.
         wind: the air, see `moflock_mj.wind`.
+        faults: what breaks, see `moflock_mj.breakdown`.
 
     Raises:
         AirframeError: the airframe is unknown, or too weak for the scenario.
         ScenarioError: the air is too much for the airframe.
     """
 
-    def __init__(self, scenario: Scenario, step: float, beat: int, world: World, wind: Wind | Off) -> None:
+    def __init__(
+        self, scenario: Scenario, step: float, beat: int, world: World, wind: Wind | Off, faults: Breakdown | Off
+    ) -> None:
         airframe = load_airframe(scenario.airframe)
         check_air(scenario, airframe)
         try:
@@ -337,7 +343,7 @@ class RigidBodyFlock:
             gains=gains,
             step=step,
             altitude=np.full(drones, scenario.altitude),
-            stopped=np.zeros((drones, ROTORS), np.uint8),
+            stopped=faults.stopped if isinstance(faults, Breakdown) else np.zeros((drones, ROTORS), np.uint8),
             outer=make_outer_noise(scenario, airframe, step),
             wind=wind,
             drag=drag,
@@ -346,6 +352,7 @@ class RigidBodyFlock:
             battery=make_cells(scenario, airframe),
             power_factor=power_factor(airframe),
             sensors=make_sensors(scenario, step, beat * step, world),
+            faults=faults,
             reach=sqrt(airframe.radius**2 + airframe.half_height**2),
             model=self.model._address,
             model_apart=self.model_apart._address,

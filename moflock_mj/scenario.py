@@ -12,9 +12,10 @@ from typing import Any
 
 from moflock_mj.air import Battery, Downwash, Drag, GroundEffect, Imu, Wind
 from moflock_mj.errors import ScenarioError
+from moflock_mj.faults import Fault
 from moflock_mj.quantities import check_fields, check_keys, quantity
 from moflock_mj.response import PointMassResponse
-from moflock_mj.sections import Section, section
+from moflock_mj.sections import Section, section, sections
 from moflock_mj.verdict import VerdictLimits
 
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
@@ -80,6 +81,8 @@ class Scenario:
     imu: Imu | None = section(Imu, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies")
     verdict: VerdictLimits = section(VerdictLimits, "what makes a point flyable or unsafe", on=True)
 
+    faults: tuple[Fault, ...] = sections(Fault, "what breaks in flight, see `moflock_mj.faults`")
+
     def __post_init__(self) -> None:
         check_fields(self, ScenarioError)
         if self.warm_up >= self.duration:
@@ -87,6 +90,8 @@ class Scenario:
         self._check_multiple("duration", "sample_period", self.sample_period)
         if self.step is not None:
             self._check_periods(self.step)
+        for place, fault in enumerate(self.faults):
+            fault.check_against(self, f"faults[{place}]")
 
     def step_for(self, dynamics: str) -> float:
         """The integration step for `dynamics`, in s, with every period a whole multiple of it.
@@ -122,7 +127,9 @@ class Scenario:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Scenario:
-        """A scenario from its fields by name, sections as mappings or None; what is left out keeps its default.
+        """A scenario from its fields by name, sections as mappings or None, faults as a list of mappings.
+
+        What is left out keeps its default.
 
         Raises:
             ScenarioError: there is a field or a value that a scenario does not have.
@@ -132,6 +139,8 @@ class Scenario:
         for name, kind in cls.sections().items():
             if fields.get(name) is not None:
                 fields[name] = kind.read(fields[name])
+        if "faults" in fields:
+            fields["faults"] = Fault.read_all(fields["faults"])
         return cls(**fields)
 
     def to_dict(self) -> dict[str, Any]:
@@ -161,12 +170,15 @@ class Scenario:
 
     def to_toml(self) -> str:
         """The scenario as TOML, each field with its unit, bounds and meaning in a comment; tables come last."""
-        lines = [_toml_line(self, field) for field in dataclasses.fields(self) if "section" not in field.metadata]
+        tables = {"section", "sections"}
+        lines = [_toml_line(self, field) for field in dataclasses.fields(self) if not tables & field.metadata.keys()]
         for field in dataclasses.fields(self):
             if "section" in field.metadata:
                 held, off = getattr(self, field.name), getattr(self, field.name) is None
                 lines += ["", f"{'# ' * off}[{field.name}]  # {'off: ' * off}{field.metadata['bounds'].help}"]
                 lines += [_toml_line(held, inner) for inner in dataclasses.fields(held)] if not off else []
+        for fault in self.faults:
+            lines += ["", "[[faults]]", *(_toml_line(fault, inner) for inner in dataclasses.fields(fault))]
         return "\n".join(lines) + "\n"
 
     def _check_periods(self, step: float) -> None:

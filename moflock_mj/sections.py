@@ -35,8 +35,30 @@ class Section:
         check_keys(values, [field.name for field in dataclasses.fields(cls)], ScenarioError, f"{cls.table}.")
         return cls(**values)
 
+    @classmethod
+    def read_all(cls, values: Any) -> tuple[Self, ...]:
+        """Sections from an array of tables; an error names one by its place, as `table[2].field`.
+
+        Raises:
+            ScenarioError: it is no array of tables, or as for `read`.
+        """
+        if not isinstance(values, (list, tuple)):
+            raise ScenarioError(f"{cls.table}: {values!r} is of the wrong type: it must be tables, [[{cls.table}]]")
+        read = []
+        for place, table in enumerate(values):
+            try:
+                read.append(cls.read(table))
+            except ScenarioError as problem:
+                raise ScenarioError(f"{cls.table}[{place}]{str(problem).removeprefix(cls.table)}") from None
+        return tuple(read)
+
 
 def section(kind: type[Section], help: str, *, on: bool = False) -> Any:
     """A dataclass field that holds a section, or None where it is off; one that is `on` is never off."""
     default = kind() if on else None
     return dataclasses.field(default=default, metadata={"bounds": Bounds(unit="1", help=help), "section": kind})
+
+
+def sections(kind: type[Section], help: str) -> Any:
+    """A dataclass field that holds a tuple of sections, none by default."""
+    return dataclasses.field(default=(), metadata={"bounds": Bounds(unit="1", help=help), "sections": kind})

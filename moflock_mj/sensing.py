@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from controllers.compiling import kernel
 from controllers.policy import Sensed
 from moflock_mj.arena import locate_walls
+from moflock_mj.breakdown import drop_neighbours, shift_readings, spoil_fixes
 from moflock_mj.world import World
 
 
@@ -112,9 +113,11 @@ def sense(
     state: SensorState,
     world: World,
     arena: NamedTuple,
+    faults: NamedTuple,
     heard_moment: int,
     gps_noise: NDArray[np.float64],
     loss_draws: NDArray[np.float64],
+    fault_draws: NDArray[np.float64],
     sensed: Sensed,
 ) -> None:
     """Refresh all that each drone knows.
@@ -124,18 +127,23 @@ def sense(
         state: errors and past; the errors move on by one tick.
         world: the true state now.
         arena: where the walls are.
+        faults: see `moflock_mj.breakdown`, or Off.
         heard_moment: which moment of the past the packets that arrive now tell of.
         gps_noise: (2, 2, N), N(0, 1).
         loss_draws: (N, N), uniform in [0, 1); (0, 0) where no packet can be lost.
+        fault_draws: (N, N), uniform in [0, 1); (0, 0) where no fault loses packets.
         sensed: written.
     """
     drift_gps(model, state, gps_noise)
+    spoil_fixes(faults, state, model.t_gps)
     _find_neighbours(model, world, loss_draws, sensed)
     slot = heard_moment % state.past_position.shape[0]  # moments before the start find the initial state there
+    drop_neighbours(faults, world, slot, fault_draws, sensed)
     for axis in range(2):
         for i in range(world.position.shape[1]):
             sensed.own_position[axis, i] = world.position[axis, i] + state.position_error[0, axis, i]
             sensed.own_velocity[axis, i] = world.velocity[axis, i] + state.velocity_error[0, axis, i]
             sensed.heard_position[axis, i] = state.past_position[slot, axis, i] + state.position_error[1, axis, i]
             sensed.heard_velocity[axis, i] = state.past_velocity[slot, axis, i] + state.velocity_error[1, axis, i]
+    shift_readings(faults, sensed.own_position)
     locate_walls(arena, sensed.own_position, sensed.wall_distance, sensed.wall_normal)

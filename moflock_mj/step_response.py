@@ -48,7 +48,7 @@ def respond_to_steps(
         MoflockError: the airframe is unknown, or too weak for the scenario.
     """
     count, _, drones = legs.shape
-    calm = scenario.replace(drones=drones, sigma_outer=0.0, wind=None, imu=None, downwash=None)
+    calm = scenario.replace(drones=drones, sigma_outer=0.0, wind=None, imu=None, downwash=None, faults=())
     step = calm.step_for("rigid_body")
     steps = round(seconds / step)
     world = World.at_rest(drones)
@@ -57,7 +57,7 @@ def respond_to_steps(
     velocity = np.empty((count * steps, 2, drones))
     commanded = np.repeat(np.asarray(legs, np.float64), steps, axis=0)
     # The flock owns the memory of MuJoCo's that its plant sees, and must outlive the flight.
-    flock = RigidBodyFlock(calm, step, 1, world, Off()) if dynamics == "rigid_body" else None
+    flock = RigidBodyFlock(calm, step, 1, world, Off(), Off()) if dynamics == "rigid_body" else None
     plant = flock.plant if flock else make_point_masses(calm, step, world, Off())
     _respond(plant, world, commanded, _silence(drones), velocity)
     return StepResponse(step * np.arange(count * steps), commanded, velocity)

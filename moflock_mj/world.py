@@ -7,6 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+GRAVITY = 9.81
+"""m/s^2, as in the flock's model."""
+
 
 class World(NamedTuple):
     """True positions and velocities of N drones; one contiguous row per axis, so that loops over drones vectorise.
@@ -14,7 +17,8 @@ class World(NamedTuple):
     Attributes:
         position: (3, N), m, world, z up.
         velocity: (3, N), m/s, world.
-        touched: (N,), 1 for a drone that has touched another one or the ground; point masses never do.
+        touched: (N,), 1 for a drone that has touched another one or the ground; point masses do only when they
+            are switched off.
     """
 
     position: NDArray[np.float64]

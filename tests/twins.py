@@ -66,6 +66,17 @@ class GpsErrors:
         self.g = self.g + t * self.h
 
 
+def acting(scenario: Scenario, kind, i, time):
+    """Faults of a kind that act on drone i at a time."""
+    return [
+        fault
+        for fault in scenario.faults
+        if fault.kind == kind
+        and fault.drone in (None, i)
+        and fault.at - 1e-9 <= time < fault.at + (fault.lasts or math.inf) - 1e-9
+    ]
+
+
 @dataclass
 class SlowFlight:
     """A point-mass flight, step by step; draws the same random numbers as the compiled one."""
@@ -80,28 +91,38 @@ class SlowFlight:
         step = scenario.step_for("point_mass")
         streams = Streams.of(self.seed)
         world = start_world(scenario, streams.start)
-        x, v = world.position[:2].T.copy(), world.velocity[:2].T.copy()
+        x, v = world.position.T.copy(), world.velocity.T.copy()
         states = [(x.copy(), v.copy())]
+        first, packets = list(zip(x, v, strict=True)), []
         own, sent = (GpsErrors(np.zeros((n, 2)), np.zeros((n, 2))) for _ in range(2))
-        desired = np.zeros((n, 2))
+        desired, left = np.zeros((n, 2)), {}
         late, tick = round(scenario.t_del / step), round(scenario.t_gps / step)
         steps = round(scenario.duration / step)
         response = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
         called_for = []
         for k in range(steps):
+            time = k * step
+            packets.append([self._packet(i, time, x[i], v[i]) for i in range(n)])
             if k % tick == 0:
                 xi = streams.sensing.standard_normal((2, 2, n))
-                own.drift(scenario, xi[0].T)
-                sent.drift(scenario, xi[1].T)
-                past_x, past_v = states[max(k - late, 0)]
-                desired = np.array([self._decide(i, x, v, own, past_x + sent.g, past_v + sent.h) for i in range(n)])
+                for error, draws in ((own, xi[0].T), (sent, xi[1].T)):
+                    self._drift(error, time, draws)
+                lost = streams.faults.random((n, n)) if "packet_loss" in str(scenario.faults) else np.ones((n, n))
+                heard = packets[k - late] if k >= late else first
+                desired = np.array([self._decide(i, time, x, v, own, sent, heard, lost[i]) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
-            called_for.append(desired - v - own.h)
+            called_for.append(desired - v[:, :2] - own.h)
             wanted = self._late(called_for, response.delay, step) / response.tau
             size = np.linalg.norm(wanted, axis=1, keepdims=True)
             clipped = wanted * np.minimum(1, response.a_max / np.maximum(size, 1e-300))
+            for i in range(n):
+                for fault in acting(scenario, "switched_off", i, time):
+                    left.setdefault(i, (fault.at, x[i].copy(), v[i].copy()))
             x = x + step * v
-            v = v + step * clipped + math.sqrt(2 * scenario.sigma_outer * step) * xi
+            v = v + 0.0
+            v[:, :2] += step * clipped + math.sqrt(2 * scenario.sigma_outer * step) * xi
+            for i, (since, place, velocity) in left.items():
+                x[i], v[i] = fallen(place, velocity, time + step - since)
             states.append((x.copy(), v.copy()))
         every = round(scenario.sample_period / step)
         self.samples = states[::every]
@@ -115,13 +136,50 @@ class SlowFlight:
         held = [called_for[k] if k >= 0 else 0 * called_for[0] for k in (newer, older)]
         return (1 - share) * held[0] + share * held[1]
 
-    def _decide(self, i, x, v, own, heard_x, heard_v):
-        hears = [
-            (heard_x[j], heard_v[j])
-            for j in range(len(x))
-            if j != i and np.linalg.norm(x[j] - x[i]) < self.scenario.r_comm
-        ]
-        return desired_velocity(self.params, self.scenario, x[i] + own.g[i], v[i] + own.h[i], hears)
+    def _drift(self, error, time, xi):
+        g, h = error.g.copy(), error.h.copy()
+        error.drift(self.scenario, xi)
+        for i in range(len(g)):
+            if acting(self.scenario, "gps_outage", i, time):
+                error.h[i] = h[i]
+                error.g[i] = g[i] + self.scenario.t_gps * h[i]
+
+    def _packet(self, i, time, x, v):
+        """What drone i sends: position and velocity, or None."""
+        outages = acting(self.scenario, "gps_outage", i, time)
+        mute = acting(self.scenario, "silent", i, time) + acting(self.scenario, "switched_off", i, time)
+        if mute or any(time - outage.at > 5.0 + 1e-9 for outage in outages):
+            return None
+        return x + np.append(self._jump(i, time), 0), v.copy()
+
+    def _jump(self, i, time):
+        return sum((np.array(fault.jump) for fault in acting(self.scenario, "gps_jump", i, time)), np.zeros(2))
+
+    def _decide(self, i, time, x, v, own, sent, heard, draws):
+        scenario, hears = self.scenario, []
+        if acting(scenario, "gps_outage", i, time):
+            return np.zeros(2)
+        for j, packet in enumerate(heard):
+            arrives = np.linalg.norm(x[j] - x[i]) < scenario.r_comm and not acting(scenario, "blackout", i, time)
+            for share in (self._share(i, time), self._share(j, time)):
+                arrives = arrives and draws[j] >= share
+            if j != i and arrives and packet is not None and packet[0][2] > x[i, 2] - 5:
+                hears.append((packet[0][:2] + sent.g[j], packet[1][:2] + sent.h[j]))
+        reads = x[i, :2] + own.g[i] + self._jump(i, time)
+        return desired_velocity(self.params, scenario, reads, v[i, :2] + own.h[i], hears)
+
+    def _share(self, i, time):
+        kept = [1 - fault.share for fault in acting(self.scenario, "packet_loss", i, time)]
+        return 1 - math.prod(kept)
+
+
+def fallen(place, velocity, time):
+    """Position and velocity of what falls from a place, with only its horizontal velocity left, until the ground."""
+    landing = math.sqrt(2 * place[2] / 9.81)
+    moved = place + velocity * min(time, landing)
+    if time >= landing:
+        return np.array([moved[0], moved[1], 0.0]), np.zeros(3)
+    return moved - [0, 0, 9.81 * time**2 / 2], velocity - [0, 0, 9.81 * time]
 
 
 def order_parameters(positions, velocities, params: FlockingParams, scenario: Scenario):

@@ -34,8 +34,8 @@ def test_a_point_mass_flight_is_that_of_its_slow_twin(changes):
     slow = twins.SlowFlight(A, scenario, 3).fly()
     positions = np.array([x for x, _ in slow.samples])
     velocities = np.array([v for _, v in slow.samples])
-    np.testing.assert_allclose(flight.samples.position[..., :2], positions, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(flight.samples.velocity[..., :2], velocities, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(flight.samples.position, positions, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(flight.samples.velocity, velocities, rtol=0, atol=1e-7)
     expected = twins.order_parameters(flight.samples.position, flight.samples.velocity, A, scenario)
     np.testing.assert_allclose(flight.order_parameters, expected, rtol=1e-10, atol=1e-12)
 

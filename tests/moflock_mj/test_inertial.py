@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from controllers.compiling import Off
 from moflock_mj import Scenario, air
 from moflock_mj.inertial import feel, make_sensors, take_bearings, walk_biases
 from moflock_mj.world import World
 from tests.compiled import compiled
 from tests.twins import quaternion_matrix
 
-FEEL, WALK, BEARINGS = compiled(feel, 6), compiled(walk_biases, 2), compiled(take_bearings, 5)
+FEEL, WALK, BEARINGS = compiled(feel, 6), compiled(walk_biases, 2), compiled(take_bearings, 6)
 STEP, BEAT = 0.005, 0.1
 
 
@@ -65,7 +66,7 @@ def test_a_fix_is_off_by_its_noises():
     sensors = sensors_of(drones, baro_noise=0.3, compass_noise=0.05)
     level, rest = np.tile((0, 0, 0, 1.0, 0, 0, 0), (drones, 1)), np.zeros((drones, 6))
     error = np.full((2, drones), 0.07)
-    BEARINGS(sensors, level, rest, error, np.random.default_rng(4).standard_normal((1, 2, drones)))
+    BEARINGS(sensors, level, rest, error, np.random.default_rng(4).standard_normal((1, 2, drones)), Off())
     believed, gains = sensors.navigation, sensors.navigation.gains
     assert believed.qvel[:, :2] == pytest.approx(gains.velocity * 0.07)
     assert believed.qpos[:, 2].std() == pytest.approx(gains.height * 0.3, rel=0.05)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers.compiling import entry_kernel
+from controllers.compiling import Off, entry_kernel
 from controllers.policy import Sensed
 from moflock_mj import Scenario
 from moflock_mj.arena import SquareArena, locate_square_walls
@@ -18,9 +18,9 @@ QUIET = SensorModel(t_gps=0.2, sigma_inner=0.0, lambda_gps=0.1, r_comm=100.0, pa
 
 
 @entry_kernel
-def tick(model, state, world, arena, moment, late, gps_noise, loss_draws, sensed):
+def tick(model, state, world, arena, faults, moment, late, gps_noise, loss_draws, sensed):
     remember(state, world, moment)
-    sense(model, state, world, arena, moment - late, gps_noise, loss_draws, sensed)
+    sense(model, state, world, arena, faults, moment - late, gps_noise, loss_draws, loss_draws, sensed)
 
 
 def ticked(model, state, world, moment, late, *, noise=None, draws=None):
@@ -28,7 +28,7 @@ def ticked(model, state, world, moment, late, *, noise=None, draws=None):
     sensed = Sensed.empty(n, 2)
     noise = np.zeros((2, 2, n)) if noise is None else noise
     draws = np.zeros((0, 0)) if draws is None else draws
-    tick(model, state, world, SquareArena(500.0), moment, late, noise, draws, sensed)
+    tick(model, state, world, SquareArena(500.0), Off(), moment, late, noise, draws, sensed)
     return sensed
 
 

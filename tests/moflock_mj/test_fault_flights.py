@@ -1,0 +1,237 @@
+"""Whole flights in which something breaks: they degrade as a user expects, and logs and snapshots keep all of it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj.faults import KINDS, Fault
+from moflock_mj.flock import Flock
+from moflock_mj.verify import resume, verify
+from tests import twins
+
+POINT = paper_point("model_optimum")
+EXAMPLE = Scenario.load(Path(__file__).parents[2] / "docs" / "faulty.toml")
+FLOCK = Scenario(drones=10, arena_side=300.0, duration=30.0)
+PERFECT = FLOCK.replace(sigma_inner=0.0, sigma_outer=0.0, start="moflock")
+"""Without noise, and in motion from the start."""
+
+BOTH = pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
+WEAK = {"kind": "rotor_loss", "rotor": 1}
+MANY = (
+    Fault(kind="gps_outage", at=1.0, lasts=6.5, drone=0),
+    Fault(kind="gps_jump", at=2.1, lasts=3.0, drone=1, jump=(5.0, -3.0)),
+    Fault(kind="silent", at=2.3, lasts=2.2, drone=2),
+    Fault(kind="blackout", at=3.0, lasts=1.5, drone=3),
+    Fault(kind="blackout", at=8.1, lasts=0.4),
+    Fault(kind="packet_loss", at=4.0, lasts=2.0, share=0.5),
+    Fault(kind="packet_loss", at=5.0, lasts=2.0, drone=3, share=0.3),
+    Fault(kind="switched_off", at=5.3, drone=4),
+)
+
+
+def outside(flight):
+    """m, by which the farthest drone was beyond a wall."""
+    return np.abs(flight.samples.position[..., :2]).max() - flight.scenario.arena_side / 2
+
+
+def neighbours(flock, i):
+    sensed = flock.memory.sensed
+    return set(sensed.neighbours[i, : sensed.neighbour_count[i]].tolist())
+
+
+@pytest.mark.parametrize("changes", [{}, {"t_del": 0.3}, {"t_del": 0.0, "r_comm": 40.0}])
+def test_point_masses_with_faults_are_those_of_their_slow_twin(changes):
+    scenario = Scenario(drones=6, arena_side=80.0, duration=10.0, faults=MANY).replace(**changes)
+    flight = fly(POINT, scenario=scenario, dynamics="point_mass", seed=3)
+    slow = twins.SlowFlight(POINT, scenario, 3).fly()
+    np.testing.assert_allclose(flight.samples.position, [x for x, _ in slow.samples], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(flight.samples.velocity, [v for _, v in slow.samples], rtol=0, atol=1e-7)
+
+
+@BOTH
+def test_until_a_fault_begins_the_flight_is_that_without_it(dynamics):
+    """Bit by bit, up to the sample of that moment."""
+    whole = fly(POINT, scenario=FLOCK.replace(duration=6.0), dynamics=dynamics, seed=2).samples
+    broken = FLOCK.replace(duration=6.0, faults=(Fault(kind="switched_off", at=4.0, drone=5),))
+    broken = fly(POINT, scenario=broken, dynamics=dynamics, seed=2).samples
+    for name in ("position", "velocity", "desired_velocity", "nearest"):
+        np.testing.assert_array_equal(getattr(whole, name)[:41], getattr(broken, name)[:41])
+    assert (whole.position[41, 5] != broken.position[41, 5]).any()
+
+
+@BOTH
+def test_without_neighbours_drones_keep_to_the_arena_and_to_their_speed(dynamics):
+    scenario = FLOCK.replace(duration=90.0, faults=(Fault(kind="blackout"),))
+    flock = Flock(POINT, scenario, dynamics, 1)
+    record = flock.fly(90.0)
+    assert flock.memory.sensed.neighbour_count.max() == 0
+    beyond = np.abs(record.position[..., :2]).max() - scenario.arena_side / 2
+    assert beyond < 5.0
+    assert np.linalg.norm(record.velocity[300:], axis=2).mean() == pytest.approx(scenario.v_flock, rel=0.15)
+    travelled = np.ptp(record.position[:, :, :2], axis=0)
+    assert travelled.max(axis=1).min() > 100.0  # every one of them crosses the arena
+
+
+@BOTH
+def test_a_drone_that_loses_gps_slows_and_holds_and_then_flies_on(dynamics):
+    scenario = FLOCK.replace(duration=60.0, faults=(Fault(kind="gps_outage", at=20.0, lasts=20.0, drone=3),))
+    samples = fly(POINT, scenario=scenario, dynamics=dynamics, seed=4).samples
+    speed = np.linalg.norm(samples.velocity[..., :2], axis=2)
+    assert speed[150:200, 3].mean() > 4.0
+    assert speed[250:400, 3].mean() < 1.0
+    assert np.ptp(samples.position[250:400, 3, :2], axis=0).max() < 8.0
+    assert (samples.desired_velocity[201:401, 3] == 0).all()
+    assert speed[500:, 3].mean() > 4.0
+    assert speed[250:400, [0, 1, 2, 4, 5, 6, 7, 8, 9]].mean() > 4.0
+
+
+def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it_for_a_while():
+    """V' = -v / tau, from v: it stops after v tau, and its packets of more than 5 s after are missing."""
+    scenario = PERFECT.replace(faults=(Fault(kind="gps_outage", at=10.0, drone=3),), arena_side=100.0)
+    flock = Flock(POINT, scenario, "point_mass", 4)
+    flock.fly(10.0)
+    place, velocity = (array[:2, 3].copy() for array in (flock.memory.world.position, flock.memory.world.velocity))
+    heard = []
+    for _ in range(50):
+        flock.fly(0.2)
+        heard.append(any(3 in neighbours(flock, i) for i in range(10)))
+    assert np.linalg.norm(velocity) > 1
+    stopped = flock.memory.world.position[:2, 3] - place
+    np.testing.assert_allclose(stopped, velocity * scenario.tau, rtol=2e-3)
+    # The tick at 16 s is the last to hear a packet, that of 15 s.
+    assert heard == [True] * 31 + [False] * 19
+
+
+@BOTH
+def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
+    scenario = PERFECT.replace(faults=(Fault(kind="gps_jump", at=2.0, lasts=3.0, drone=1, jump=(5.0, -2.0)),))
+    flock, truth, read, heard = Flock(POINT, scenario, dynamics, 1), [], [], []
+    for _ in range(40):
+        truth.append(flock.memory.world.position[:2].copy())
+        flock.fly(0.2)
+        read.append(flock.memory.sensed.own_position.copy())
+        heard.append(flock.memory.sensed.heard_position.copy())
+    jumps = np.zeros((40, 2, 10))
+    jumps[10:25, :, 1] = 5.0, -2.0
+    told = np.array(truth) + jumps
+    np.testing.assert_allclose(read, told, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(heard[5:], told[:-5], rtol=0, atol=1e-9)
+
+
+@BOTH
+def test_a_silent_drone_is_heard_until_its_last_packet_arrives(dynamics):
+    scenario = PERFECT.replace(
+        arena_side=60.0, start="spaced", faults=(Fault(kind="silent", at=4.0, lasts=3.0, drone=2),)
+    )
+    flock, heard = Flock(POINT, scenario, dynamics, 1), []
+    for _ in range(50):
+        flock.fly(0.2)
+        heard.append({i for i in range(10) if 2 in neighbours(flock, i)})
+        assert len(neighbours(flock, 2)) == 9
+    everyone = set(range(10)) - {2}
+    assert heard == [everyone] * 25 + [set()] * 15 + [everyone] * 10
+
+
+@BOTH
+def test_a_blackout_deafens_one_and_all(dynamics):
+    faults = (Fault(kind="blackout", at=1.0, lasts=2.0, drone=0), Fault(kind="blackout", at=2.0, lasts=1.0))
+    flock = Flock(POINT, PERFECT.replace(arena_side=60.0, faults=faults), dynamics, 1)
+    counts = []
+    for _ in range(20):
+        flock.fly(0.2)
+        counts.append(flock.memory.sensed.neighbour_count.copy())
+    np.testing.assert_array_equal(np.array(counts)[:, 0], [9] * 5 + [0] * 10 + [9] * 5)
+    np.testing.assert_array_equal(np.array(counts)[:, 1:], np.repeat([[9] * 10 + [0] * 5 + [9] * 5], 9, axis=0).T)
+
+
+@BOTH
+def test_a_burst_loses_its_share_of_packets_each_way(dynamics):
+    faults = (Fault(kind="packet_loss", at=2.0, lasts=20.0, drone=0, share=0.25),)
+    flock, hears, is_heard = Flock(POINT, PERFECT.replace(arena_side=60.0, faults=faults), dynamics, 1), [], []
+    for _ in range(120):
+        flock.fly(0.2)
+        hears.append(len(neighbours(flock, 0)))
+        is_heard.append(sum(0 in neighbours(flock, i) for i in range(1, 10)))
+    for counts in (hears, is_heard):
+        assert counts[:10] == [9] * 10
+        assert np.mean(counts[10:110]) == pytest.approx(9 * 0.75, abs=0.45)  # three deviations
+        assert counts[110:] == [9] * 10
+
+
+@BOTH
+def test_a_drone_that_is_switched_off_falls_alone(dynamics):
+    scenario = FLOCK.replace(faults=(Fault(kind="switched_off", at=10.0, drone=5),))
+    flight = fly(POINT, scenario=scenario, dynamics=dynamics, seed=1)
+    samples, others = flight.samples, [i for i in range(10) if i != 5]
+    falls, spin_down = samples.position[100:121, 5, 2], 0.6 if dynamics == "rigid_body" else 1e-9
+    assert falls == pytest.approx(20 - 9.81 / 2 * (np.arange(21) / 10) ** 2, abs=spin_down)
+    assert samples.position[130:, 5, 2].max() < 1.0
+    assert np.linalg.norm(samples.velocity[150:, 5], axis=1).mean() < 0.2  # the outer noise nudges a body that lies
+    assert np.abs(samples.position[:, others, 2] - 20).max() < 1.0
+    assert np.linalg.norm(samples.velocity[150:, others], axis=2).mean() > 4.0
+    touched = (samples.status[-1] & 4) > 0
+    assert [event.message for event in flight.events if event.level == "error"] == ["drone 5 touched the ground"]
+    np.testing.assert_array_equal(np.flatnonzero(touched), [5])
+
+
+def test_a_weak_rotor_is_held_and_a_lost_one_is_not():
+    """Of twice its weight in thrust it can spare 0.3 of a rotor; without one it tumbles, falls and is not heeded."""
+    weak = FLOCK.replace(faults=(Fault(**WEAK, at=10.0, drone=5, effectiveness=0.7),))
+    flight = fly(POINT, scenario=weak, seed=1)
+    assert flight.body.touched == 0
+    assert flight.body.altitude_error_max < 1.0
+
+    lost = FLOCK.replace(faults=(Fault(**WEAK, at=10.0, drone=5, effectiveness=0.0),))
+    flock = Flock(POINT, lost, "rigid_body", 1)
+    record, others = flock.fly(30.0), [i for i in range(10) if i != 5]
+    assert record.position[150:, 5, 2].max() < 2.0
+    np.testing.assert_array_equal(np.flatnonzero(flock.memory.world.touched), [5])
+    assert np.abs(record.position[:, others, 2] - 20).max() < 1.0
+    assert np.linalg.norm(record.velocity[150:, others], axis=2).mean() > 4.0
+    assert not any(5 in neighbours(flock, i) for i in others)
+
+
+@BOTH
+def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
+    """Cut in the middle of every fault, and between a fault's beginning and its first tick."""
+    faults = MANY + (Fault(**WEAK, at=3.0, lasts=4.0, drone=1, effectiveness=0.6),) * (dynamics == "rigid_body")
+    scenario = FLOCK.replace(duration=10.0, drones=6, arena_side=100.0, faults=faults)
+    whole = Flock(POINT, scenario, dynamics, 5).fly(10.0)
+    flock, records = Flock(POINT, scenario, dynamics, 5), []
+    for seconds in (0.9, 0.2, 1.1, 0.2, 1.2, 0.9, 0.9, 0.2, 2.6, 10.0):
+        resumed = Flock(POINT, scenario, dynamics, 999)
+        resumed.restore(flock.snapshot())
+        flock = resumed
+        records.append(flock.fly(seconds))
+    for name in ("position", "velocity", "desired", "status", "order_parameters"):
+        joined = np.concatenate([getattr(record, name) for record in records])
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+
+
+@BOTH
+def test_its_log_tells_the_faults_and_is_verified_and_resumed(tmp_path, dynamics):
+    scenario = FLOCK.replace(duration=13.0, drones=6, arena_side=100.0, faults=MANY)
+    path = tmp_path / "a.mcap"
+    flight = fly(POINT, scenario=scenario, dynamics=dynamics, seed=3, log=path)
+    logged = read_log(path)
+    assert logged.scenario == scenario
+    assert logged.events == flight.events
+    assert verify(logged).identical
+    again = resume(logged, 10.0)
+    np.testing.assert_array_equal(again.samples.position[-1], flight.samples.position[-1])
+    told = [event.message for event in flight.events if event.level == "warning" and "apart" not in event.message]
+    assert len(told) == 2 * len(MANY) - 1
+    assert (told[0], told[-1]) == ("drone 0: no GPS", "all drones: hears nobody (over)")
+
+
+def test_the_example_has_every_kind_and_loses_but_two():
+    assert {fault.kind for fault in EXAMPLE.faults} == set(KINDS)
+    flight = fly(POINT, scenario=EXAMPLE, seed=1)
+    np.testing.assert_array_equal(np.flatnonzero(flight.samples.status[-1] & 4), [7, 8])
+    assert outside(flight) < 5.0
+    assert math.isfinite(flight.fitness.product)
