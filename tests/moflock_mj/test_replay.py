@@ -114,6 +114,8 @@ def test_a_video_that_is_broken_off_leaves_nothing(log, tmp_path, number):
         env={**os.environ, "TMPDIR": str(tmp_path / "scratch")},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        # A shell's background job, such as these tests may be, ignores Ctrl-C, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - it is one call
     )
     deadline = time.monotonic() + 200
     while not list((tmp_path / "scratch").glob("moflock-video-*/1.txt")) and time.monotonic() < deadline:
