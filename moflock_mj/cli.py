@@ -14,6 +14,7 @@ import typer
 
 from moflock_mj.errors import MoflockError
 from moflock_mj.gl import do_without_gl
+from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 from optimize.commands import commands as search_commands
 from optimize.validation_commands import commands as validation_commands
 
@@ -34,13 +35,6 @@ app = typer.Typer(
 )
 
 
-class Dynamics(enum.StrEnum):
-    """What moves the drones."""
-
-    RIGID_BODY = "rigid_body"
-    POINT_MASS = "point_mass"
-
-
 @app.callback()
 def moflock() -> None:
     """Fly flocks of quadrotors on MuJoCo physics before they fly for real."""
@@ -52,8 +46,8 @@ def fly_command(
         str, typer.Option(help="knee, fast, cohesive, A, B, model_optimum, or a .json file of parameters.")
     ] = "knee",
     dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
-    scenario: Annotated[Path | None, typer.Option(help="TOML file; what it leaves out is the paper's.")] = None,
-    drones: Annotated[int | None, typer.Option(help="Number of drones.")] = None,
+    scenario: ScenarioFile = None,
+    drones: Drones = None,
     duration: Annotated[float | None, typer.Option(help="Simulated seconds.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     step: Annotated[float | None, typer.Option(help="Integration step, s.")] = None,
@@ -62,17 +56,14 @@ def fly_command(
     live: Annotated[bool, typer.Option("--live", help="Show it to Foxglove or Lichtblick on this machine.")] = False,
     port: Annotated[int, typer.Option(help="Of --live.", min=0, max=65535)] = 8765,
     live_speed: Annotated[float, typer.Option(help="Of --live: simulated over real time.")] = 1.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Fly a flock, log it, and judge it."""
     from moflock_mj import terminal  # noqa: PLC0415
     from moflock_mj.flight import fly  # noqa: PLC0415
     from moflock_mj.points import load_point  # noqa: PLC0415
-    from moflock_mj.scenario import Scenario  # noqa: PLC0415
 
-    given = {"drones": drones, "duration": duration, "step": step, "airframe": airframe}
-    flown = Scenario.load(scenario) if scenario else Scenario()
-    flown = flown.replace(**{name: value for name, value in given.items() if value is not None})
+    flown = given_scenario(scenario, drones=drones, duration=duration, step=step, airframe=airframe)
     path = terminal.log_path(log, point, dynamics, seed)
     with terminal.flight_progress(flown.duration) as progress, terminal.stop_on_interrupt() as interrupted:
         flight = fly(
@@ -138,7 +129,7 @@ def replay_command(
     fps: Annotated[int, typer.Option(help="Frames of the video a second.")] = 30,
     speed: Annotated[float | None, typer.Option(help="Of the video: simulated over shown time.")] = None,
     size: Annotated[str, typer.Option(help="Of the video, pixels.")] = "1280x720",
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    as_json: AsJson = False,
 ) -> int:
     """See, check or recover a flight from its log."""
     from moflock_mj import replay  # noqa: PLC0415
@@ -230,9 +221,8 @@ def fleet_command(
     from moflock_mj.mavlink.fleet import FleetPlan  # noqa: PLC0415
     from moflock_mj.mavlink.fleet_faults import Fault, load_faults  # noqa: PLC0415
     from moflock_mj.mavlink.signing import find_key  # noqa: PLC0415
-    from moflock_mj.scenario import Scenario  # noqa: PLC0415
 
-    flown = Scenario.load(scenario) if scenario else Scenario()
+    flown = given_scenario(scenario, airframe=airframe)
     plan = FleetPlan(
         vehicles=vehicles if vehicles is not None else flown.drones if scenario else 1,
         autopilot=autopilot.value,
@@ -242,7 +232,7 @@ def fleet_command(
         speed=speed,
         spacing=spacing,
         boot=boot,
-        scenario=flown.replace(airframe=airframe) if airframe else flown,
+        scenario=flown,
         faults=[*(load_faults(faults) if faults else ()), *map(Fault.from_text, fault or ())],
         seed=seed,
     )

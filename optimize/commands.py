@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import enum
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from moflock_mj.errors import SearchError
+from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 
 if TYPE_CHECKING:
-    from moflock_mj.scenario import Scenario
     from optimize.bounds import Bounds
     from optimize.configuration import Configuration
 
@@ -26,13 +27,6 @@ class Algorithm(enum.StrEnum):
     UNSGA3 = "unsga3"
     CMAES = "cmaes"
     PSO = "pso"
-
-
-class Dynamics(enum.StrEnum):
-    """What moves the drones."""
-
-    POINT_MASS = "point_mass"
-    RIGID_BODY = "rigid_body"
 
 
 class Noise(enum.StrEnum):
@@ -50,13 +44,10 @@ class Sampling(enum.StrEnum):
     LATIN_HYPERCUBE = "latin_hypercube"
 
 
-ScenarioFile = Annotated[Path | None, typer.Option("--scenario", help="TOML file; what it leaves out is the paper's.")]
-Drones = Annotated[int | None, typer.Option(help="Number of drones.")]
 Duration = Annotated[float | None, typer.Option(help="Simulated seconds of each flight.")]
 BoundsFile = Annotated[Path | None, typer.Option("--bounds", help="TOML or JSON file; the paper's if absent.")]
 Workers = Annotated[int, typer.Option(help="Local processes.")]
 Scheduler = Annotated[str | None, typer.Option(help="Fly on a Dask cluster instead, at tcp://host:port.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 RunPath = Annotated[Path, typer.Argument(help="A search's directory.", metavar="RUN")]
 
 CORES = os.cpu_count() or 1
@@ -154,9 +145,7 @@ def optimize_command(
         "bounds": bounds,
     }
     if resume is not None:
-        own = [*given, *(name for name, value in (files | {"out": out}).items() if value is not None)]
-        if own or coverage:
-            raise SearchError(f"resume: the run has its own {(*own, 'coverage')[0]}, which cannot be given again")
+        refuse_with_resume(given | files | {"out": out, "coverage": coverage or None})
         configuration, path = None, resume
     else:
         configuration = _configuration(given, coverage=coverage, **files)
@@ -240,14 +229,6 @@ def target_command(
     )
 
 
-def given_scenario(path: Path | None, **changes: Any) -> Scenario:
-    """The scenario of a file, or the paper's, with what else was given in its place."""
-    from moflock_mj.scenario import Scenario  # noqa: PLC0415
-
-    scenario = Scenario.load(path) if path else Scenario()
-    return scenario.replace(**{name: value for name, value in changes.items() if value is not None})
-
-
 def _configuration(
     given: dict[str, Any],
     *,
@@ -270,6 +251,17 @@ def _configuration(
         objectives=wanted.with_coverage() if coverage else wanted,
         settings=settings,
     )
+
+
+def refuse_with_resume(given: Mapping[str, Any]) -> None:
+    """Refuse what a run that is resumed has of its own already; None for what was not given.
+
+    Raises:
+        SearchError: something was given.
+    """
+    for name, value in given.items():
+        if value is not None:
+            raise SearchError(f"resume: the run has its own {name}, which cannot be given again")
 
 
 def given_bounds(path: Path | None) -> Bounds:

@@ -1,7 +1,7 @@
 """The paper's study from its beginning to its figures: `python -m optimize.paper`, which is `make paper`.
 
-Writes `docs/reproduction.md` with the figures beside it, and the project's own named points. What was flown once stays
-in `logs/paper/` and is not flown again; remove that folder to begin anew.
+Writes `docs/reproduction.md` with the figures beside it, and the project's own named points. Searches and
+fronts that were flown stay in `logs/paper/` and are not flown again; remove that folder to begin anew.
 """
 
 from __future__ import annotations

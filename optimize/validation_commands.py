@@ -7,20 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from moflock_mj.errors import SearchError
+from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 from optimize.commands import (
     CORES,
-    AsJson,
     BoundsFile,
-    Drones,
     Duration,
-    Dynamics,
-    ScenarioFile,
     Scheduler,
     Workers,
     given_bounds,
-    given_scenario,
     numbers_of,
+    refuse_with_resume,
 )
 
 commands = typer.Typer()
@@ -53,9 +49,7 @@ def validate_command(
     if resume is not None:
         given: dict[str, Any] = {"points": points or None, "seeds": seeds, "scenario": scenario}
         given |= {"drones": drones, "duration": duration, "out": out}
-        own = [name for name, value in given.items() if value is not None]
-        if own:
-            raise SearchError(f"resume: the run has its own {own[0]}, which cannot be given again")
+        refuse_with_resume(given)
         settings, path = None, resume
     else:
         flown = given_scenario(scenario, drones=drones, duration=duration)

@@ -1,0 +1,40 @@
+"""Options that several verbs of the command `moflock` have, and what they ask for."""
+
+from __future__ import annotations
+
+import enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from moflock_mj.scenario import Scenario
+
+
+class Dynamics(enum.StrEnum):
+    """What moves the drones."""
+
+    RIGID_BODY = "rigid_body"
+    POINT_MASS = "point_mass"
+
+
+ScenarioFile = Annotated[Path | None, typer.Option("--scenario", help="TOML file; what it leaves out is the paper's.")]
+Drones = Annotated[int | None, typer.Option(help="Number of drones.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+
+
+def given_scenario(path: Path | None, **changes: Any) -> Scenario:
+    """The scenario of a file, or the paper's, with what else was given in its place.
+
+    Args:
+        path: TOML file, or None.
+        changes: fields by name; None for one that was not given.
+
+    Raises:
+        ScenarioError: the file cannot be read, or a value is wrong.
+    """
+    from moflock_mj.scenario import Scenario  # noqa: PLC0415 - the command's help does without
+
+    scenario = Scenario.load(path) if path else Scenario()
+    return scenario.replace(**{name: value for name, value in changes.items() if value is not None})
