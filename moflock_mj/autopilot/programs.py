@@ -53,7 +53,8 @@ def fill_command(template: str, values: dict[str, Any]) -> list[str]:
     if not words:
         raise FleetError("autopilot-command: it is empty: it must name a program")
     if "/" in words[0]:
-        words[0] = str(Path(words[0]).expanduser().resolve())
+        # Not resolved: a program may go by the name of the link to it, as a virtual environment's Python does.
+        words[0] = str(Path(words[0]).expanduser().absolute())
     return words
 
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from moflock_mj.autopilot.link import HOST
 from moflock_mj.autopilot.lockstep import LockStep, PhysicsPlan
-from moflock_mj.autopilot.programs import Programs, fill_command
+from moflock_mj.autopilot.programs import PLACEHOLDERS, Programs, fill_command
 from moflock_mj.errors import FleetError
 from moflock_mj.terminal import stop_on_interrupt
 
@@ -42,6 +42,8 @@ def run_physics(
     seconds = math.inf if duration is None else duration
     if not seconds > 0:
         raise FleetError(f"duration: {seconds:g} s is out of bounds: it must be above 0")
+    if command is not None:
+        fill_command(command, dict.fromkeys(PLACEHOLDERS, 0))
     console = Console(stderr=True)
     with contextlib.ExitStack() as stack:
         programs: list[Programs] = []

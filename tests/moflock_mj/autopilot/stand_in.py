@@ -1,4 +1,6 @@
-"""A slow autopilot in plain Python that speaks both interfaces and hovers an x500: `python stand_in.py KIND PORT HEIGHT`.
+"""A slow autopilot in plain Python that speaks both interfaces and hovers an x500.
+
+`python stand_in.py KIND PORT HEIGHT` runs it as a program.
 
 It flies by the document of each interface, and shares no code with the physics' side but pymavlink.
 """
@@ -46,7 +48,7 @@ def outputs_for(position, velocity, attitude, gyro, target):
 
 
 class ArduPilotStandIn:
-    """Speaks the JSON interface; `step` exchanges one frame."""
+    """Speaks the JSON interface. Each exchange is `send`, then `hear`."""
 
     magic, layout = 18458, struct.Struct("<HHI16H")
 
@@ -54,7 +56,7 @@ class ArduPilotStandIn:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.connect(("127.0.0.1", port))
         self.socket.settimeout(5.0)
-        self.height, self.frame, self.pwm, self.place, self.steps = height, 0, [1000] * 4, None, 0
+        self.height, self.frame, self.pwm, self.place, self.state = height, 0, [1000] * 4, None, None
 
     def send(self):
         self.socket.send(self.layout.pack(self.magic, 1200, self.frame, *self.pwm, *[0] * 12))
@@ -62,24 +64,19 @@ class ArduPilotStandIn:
     def hear(self):
         line = self.socket.recv(4096)
         assert line[:1] == line[-1:] == b"\n"
+        self.state = state = json.loads(line)
         self.frame += 1
-        return json.loads(line)
-
-    def step(self):
-        self.send()
-        self.steps += 1
-        state = self.hear()
-        position, velocity = state["position"], state["velocity"]
+        position = state["position"]
         self.place = self.place or position
         target = (self.place[0], self.place[1], -self.height)
-        shares = outputs_for(position, velocity, state["quaternion"], state["imu"]["gyro"], target)
+        shares = outputs_for(position, state["velocity"], state["quaternion"], state["imu"]["gyro"], target)
         # MOT_THST_EXPO of 0.65, the other way round.
         e = 0.65
-        self.pwm = [round(1000 + 1000 * (math.sqrt((1 - e) ** 2 + 4 * e * share) - (1 - e)) / (2 * e)) for share in shares]
+        self.pwm = [round(1000 + 500 * (math.sqrt((1 - e) ** 2 + 4 * e * share) - (1 - e)) / e) for share in shares]
 
 
 class Px4StandIn:
-    """Speaks the simulator interface; `step` answers one HIL_SENSOR.
+    """Speaks the simulator interface. Each exchange is `send`, then `hear`.
 
     Its attitude is the integral of its gyroscope, its position and velocity those of its GPS, carried on by what its
     accelerometer says.
@@ -89,39 +86,32 @@ class Px4StandIn:
         self.socket = socket.create_connection(("127.0.0.1", port))
         self.socket.settimeout(5.0)
         self.packer, self.decoder = mavlink.MAVLink(None, srcSystem=1), mavlink.MAVLink(None)
-        self.height, self.time, self.waiting = height, None, []
+        self.height, self.time, self.place, self.shares = height, None, None, [0.0] * 4
         self.attitude = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-        self.position, self.velocity, self.place, self.steps = None, [0.0] * 3, None, 0
-        self.seen = {"HIL_SENSOR": 0, "HIL_GPS": 0}
+        self.position, self.velocity = None, [0.0] * 3
+
+    def send(self):
+        if self.time is not None:
+            controls = [*self.shares, *[0.0] * 12]
+            answer = mavlink.MAVLink_hil_actuator_controls_message(self.time, controls, 129, 1)
+            self.socket.sendall(answer.pack(self.packer))
 
     def hear(self):
-        while not self.waiting:
+        messages = []
+        while not any(message.get_type() == "HIL_SENSOR" for message in messages):
             chunk = self.socket.recv(4096)
             if not chunk:
                 raise ConnectionError
-            self.waiting = self.decoder.parse_buffer(chunk) or []
-        message = self.waiting.pop(0)
-        self.seen[message.get_type()] += 1
-        return message
-
-    def step(self):
-        message = self.hear()
-        if message.get_type() == "HIL_GPS":
-            self._fix(message)
-            return
-        self._feel(message)
-        self.steps += 1
-        shares = [0.0] * 4
+            messages += self.decoder.parse_buffer(chunk) or []
+        for message in messages:
+            if message.get_type() == "HIL_SENSOR":
+                self._feel(message)
+            else:
+                self._fix(message)
         if self.position is not None:
             self.place = self.place or self.position
             target = (self.place[0], self.place[1], -self.height)
-            gyro = (message.xgyro, message.ygyro, message.zgyro)
-            shares = outputs_for(self.position, self.velocity, self.attitude, gyro, target)
-        self.send(shares)
-
-    def send(self, shares):
-        answer = mavlink.MAVLink_hil_actuator_controls_message(self.time, [*shares, *[0.0] * 12], 129, 1)
-        self.socket.sendall(answer.pack(self.packer))
+            self.shares = outputs_for(self.position, self.velocity, self.attitude, self.gyro, target)
 
     def _fix(self, gps):
         north = math.radians(gps.lat / 1e7 - 47.397742) * 6_371_000
@@ -131,9 +121,9 @@ class Px4StandIn:
 
     def _feel(self, imu):
         dt = 0.0 if self.time is None else (imu.time_usec - self.time) / 1e6
-        self.time = imu.time_usec
+        self.time, self.imu = imu.time_usec, imu
         w, x, y, z = self.attitude
-        p, q, r = imu.xgyro, imu.ygyro, imu.zgyro
+        self.gyro = p, q, r = imu.xgyro, imu.ygyro, imu.zgyro
         rate = (-x * p - y * q - z * r, w * p + y * r - z * q, w * q - x * r + z * p, w * r + x * q - y * p)
         turned = [a + dt / 2 * b for a, b in zip(self.attitude, rate, strict=True)]
         norm = math.sqrt(sum(a * a for a in turned))
@@ -152,18 +142,16 @@ class Px4StandIn:
 STAND_INS = {"ardupilot": ArduPilotStandIn, "px4": Px4StandIn}
 
 
-def main(kind, port, height):
+def main(kind, port, height, *_):
+    """Fly until killed; the physics may come later."""
     print("stand-in of", kind, "at", port, flush=True)
+    pilot = None
     while True:
         try:
-            pilot = STAND_INS[kind](int(port), float(height))
-            break
-        except ConnectionError:
-            time.sleep(0.01)
-    while True:
-        try:
-            pilot.step()
-        except (OSError, ConnectionError):
+            pilot = pilot or STAND_INS[kind](int(port), float(height))
+            pilot.send()
+            pilot.hear()
+        except OSError:
             time.sleep(0.01)
 
 
