@@ -37,7 +37,7 @@ _LARGEST = 256
 _REPEAT = 0.5
 """s after an answer, from which the same frame means that the answer was lost; before, that the two crossed."""
 _LINE = (
-    '\n{"timestamp":%.6f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.6f,%.6f,%.6f],'
+    '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.6f,%.6f,%.6f],'
     '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]}\n'
 )
 """A line break on both sides: ArduPilot reads what stands between two."""

@@ -11,7 +11,7 @@ import pytest
 
 from moflock_mj.autopilot.ardupilot_json import Pulses, parse_pulses, sensor_line
 from moflock_mj.autopilot.link import Reading
-from moflock_mj.autopilot.px4_simulator import gps_message, sensor_message
+from moflock_mj.autopilot.px4_simulator import Px4Link, gps_message, sensor_message
 from moflock_mj.autopilot.sensors import Motion, Surroundings
 from moflock_mj.mavlink.geodesy import Origin
 
@@ -103,3 +103,27 @@ def test_a_body_that_has_been_hurled_away_can_still_be_told():
     far = READING._replace(motion=MOTION._replace(velocity=np.array([[1e4, -1e4, 1e4]])))
     gps = sent(gps_message(1, far, 0))
     assert (gps.vn, gps.ve, gps.vd) == (32_767, -32_767, 32_767)
+
+
+def test_mutated_pulses_are_dropped_or_within_bounds():
+    rng = np.random.default_rng(1)
+    taken = 0
+    for _ in range(5000):
+        packet = bytearray(SIXTEEN if rng.random() < 0.5 else THIRTY_TWO)
+        for _ in range(int(rng.integers(1, 4))):
+            packet[int(rng.integers(len(packet)))] = int(rng.integers(256))
+        pulses = parse_pulses(bytes(packet))
+        if pulses is not None:
+            taken += 1
+            assert all(0 <= pwm <= 2200 for pwm in pulses.pwm)
+    assert 0 < taken < 5000
+
+
+@pytest.mark.parametrize("control", [float("nan"), float("inf"), -5.0, 7.0])
+def test_controls_out_of_bounds_never_reach_a_motor(control):
+    link = Px4Link(0)
+    message = mavlink.MAVLink_hil_actuator_controls_message(0, [control, 0.5, *[0.0] * 14], 129, 1)
+    link._take(message)
+    expected = {-5.0: (0.0, 0.5, 0.0, 0.0), 7.0: (1.0, 0.5, 0.0, 0.0)}.get(control, (0.0, 0.0, 0.0, 0.0))
+    assert link.outputs == expected
+    assert link.counts.dropped == (not np.isfinite(control))
