@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import select
 import socket
+import time
 from typing import Any
 
 from controllers.airframe import ROTORS
@@ -36,6 +37,8 @@ _SATELLITES, _FIX_3D = 12, 3
 _EPH, _EPV = 50, 80
 """cm, HIL_GPS: what a good receiver says of itself."""
 _CHUNK = 4096
+_REPEAT = 0.5
+"""s without an answer after which the same is sent again: PX4 may have passed over it as it started modules."""
 
 
 class Px4Link(Link):
@@ -49,6 +52,8 @@ class Px4Link(Link):
         self._packer = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_SYSTEM_CONTROL)
         self._answers = False
         self._tick = 0
+        self._packets = b""
+        self._told = 0.0
 
     def open(self, port: int) -> None:
         self._server = listening(socket.SOCK_STREAM, "TCP", port)
@@ -75,27 +80,26 @@ class Px4Link(Link):
             try:
                 chunk = self._stream.recv(_CHUNK)
             except BlockingIOError:
-                return
+                break
             except ConnectionError:
                 chunk = b""
             if not chunk:
                 self._hang_up()
                 return
             self._parse(chunk)
+        if not self.ready and time.monotonic() - self._told > _REPEAT:
+            self._send()
 
     def tell(self, reading: Reading) -> None:
         if self._stream is None:
             return
         self._tick += 1
         surroundings = reading.surroundings() if self._tick % (RATE // SURROUNDINGS_RATE) == 1 else None
-        packets = [self._pack(sensor_message(self._tick, reading, self.number, surroundings))]
+        self._packets = self._pack(sensor_message(self._tick, reading, self.number, surroundings))
         if self._tick % (RATE // GPS_RATE) == 1:
-            packets.append(self._pack(gps_message(self._tick, reading, self.number)))
+            self._packets += self._pack(gps_message(self._tick, reading, self.number))
         self.ready = not self._answers
-        try:
-            self._stream.sendall(b"".join(packets))
-        except OSError:
-            self._hang_up()
+        self._send()
 
     @property
     def _opened(self) -> socket.socket:
@@ -122,6 +126,14 @@ class Px4Link(Link):
         if self._stream is not None:
             self._stream.close()
         self._stream, self.outputs, self.ready = None, STILL, False
+
+    def _send(self) -> None:
+        self._told = time.monotonic()
+        if self._stream is not None:
+            try:
+                self._stream.sendall(self._packets)
+            except OSError:
+                self._hang_up()
 
     def _parse(self, chunk: bytes) -> None:
         for message in self._decoder.parse_buffer(chunk) or ():

@@ -143,6 +143,21 @@ def test_the_same_frame_moves_the_world_once_and_a_lost_answer_is_said_again():
         assert pilot.state == before
 
 
+def test_a_px4_that_has_passed_over_its_sensors_is_told_them_again():
+    with flight("px4") as (world, pilots):
+        pilot, link = pilots[0], world.links[0]
+        fly(world, pilots, 0.1)
+        before = pilot.time
+        link.receive(0.0)
+        assert not link.ready
+        link._told -= 1.0  # a second ago
+        link.receive(0.0)
+        pilot.hear()
+        assert pilot.time == before
+        fly(world, pilots, 0.1)
+        assert pilot.time == before + 100_000
+
+
 def test_who_is_not_the_autopilot_is_not_heard():
     with flight("ardupilot") as (world, pilots), STAND_INS["ardupilot"](world.links[0].port, 9.0).socket as other:
         fly(world, pilots, 0.01)
