@@ -6,6 +6,7 @@ Who is silent for `PATIENCE` is left behind: its rotors stop, and the others go 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from moflock_mj.autopilot import ardupilot_json, px4_simulator
 from moflock_mj.autopilot.link import STILL, Link, Reading
 from moflock_mj.autopilot.motors import CURVE, Motors
 from moflock_mj.autopilot.sensors import Sensors
-from moflock_mj.errors import FleetError
+from moflock_mj.errors import FleetError, FlightError
 from moflock_mj.live_bodies import LiveBodies
 from moflock_mj.mavlink.geodesy import Origin
 from moflock_mj.randomness import Streams
@@ -160,9 +161,11 @@ class LockStep:
         self.plan = plan
         interface = plan.interface
         self.period = 1 / interface.rate
+        # Its other periods have no part here, and need not fit the autopilot's.
         scenario = plan.scenario.replace(
-            step=self.period / interface.substeps, imu=None, drones=plan.vehicles, sample_period=0.1
-        )
+            step=self.period / interface.substeps, imu=None, drones=plan.vehicles,
+            duration=1.0, sample_period=0.1, warm_up=0.0, t_del=0.0,
+        )  # fmt: skip
         streams = Streams.of(plan.seed)
         places = grid(plan.vehicles, plan.spacing)
         self._substeps = interface.substeps
@@ -230,7 +233,11 @@ class LockStep:
                 time.sleep(wait)
 
     def step(self, stop: Callable[[], bool] = lambda: False) -> bool:
-        """One exchange: outputs of all, motion, sensors to all; returns False if `stop` said True while it waited."""
+        """One exchange: outputs of all, motion, sensors to all; returns False if `stop` said True while it waited.
+
+        Raises:
+            FlightError: the state of the bodies is no longer finite.
+        """
         if not self._wait_for_outputs(stop):
             return False
         for link in self.links:
@@ -238,7 +245,10 @@ class LockStep:
         self._motors.command(self._outputs, self.bodies.thrust_command)
         self.bodies.advance(self._substeps)
         self._exchanges += 1
-        reading = Reading(self.time, self._sensors.motion(), self._sensors.surroundings, self.plan.origin)
+        if not math.isfinite(self.bodies.qpos.sum()):
+            raise FlightError(f"at {self.time:.3f} s the state is no longer finite: a rotor too strong for the step?")
+        surroundings = functools.cache(self._sensors.surroundings)
+        reading = Reading(self.time, self._sensors.motion(), surroundings, self.plan.origin)
         for link in self.links:
             if link.present:
                 link.tell(reading)

@@ -215,6 +215,20 @@ def test_a_bad_plan(plan, words):
         LockStep(PhysicsPlan(**{"autopilot": "ardupilot", **plan}))
 
 
+def test_a_state_that_is_no_longer_finite_ends_the_flight():
+    with flight("ardupilot") as (world, pilots):
+        fly(world, pilots, 0.01)
+        world.bodies.qpos[0, 0] = np.nan
+        pilots[0].send()
+        with pytest.raises(MoflockError, match="the state is no longer finite"):
+            world.step()
+
+
+def test_a_scenarios_own_periods_need_not_fit():
+    scenario = CALM.replace(duration=0.007, sample_period=0.007, t_gps=0.2, t_del=0.3, step=None)
+    assert LockStep(PhysicsPlan(autopilot="ardupilot", scenario=scenario)).bodies.step == pytest.approx(1 / 1200)
+
+
 def test_each_vehicle_has_the_port_that_its_instance_looks_for():
     assert PhysicsPlan(autopilot="ardupilot", vehicles=3).ports() == [9002, 9012, 9022]
     assert PhysicsPlan(autopilot="px4", vehicles=3).ports() == [4560, 4561, 4562]
