@@ -52,6 +52,10 @@ RunPath = Annotated[Path, typer.Argument(help="A search's directory.", metavar="
 
 CORES = os.cpu_count() or 1
 _FRONT_SEEDS = 100
+FrontSeeds = Annotated[
+    int | None,
+    typer.Option(help=f"Fly the front again if it has flown fewer fresh seeds; {_FRONT_SEEDS} if it has none.", min=2),
+]
 
 
 @commands.command("pca", epilog="Example: moflock pca --drones 10 --out logs/objectives.json")
@@ -159,7 +163,7 @@ def pick_command(
     weights: Annotated[str | None, typer.Option(help="Of the objectives, such as 1,2: best weighted sum.")] = None,
     min_f1: Annotated[float | None, typer.Option(help="Best second objective with at least this first one.")] = None,
     knee: Annotated[bool, typer.Option("--knee", help="The knee of the front, which is the default.")] = False,
-    seeds: Annotated[int, typer.Option(help="Fresh seeds, if the front has not been flown yet.")] = _FRONT_SEEDS,
+    seeds: FrontSeeds = None,
     workers: Workers = CORES,
     out: Annotated[Path | None, typer.Option(help="Point as .json; stdout if absent.")] = None,
     as_json: AsJson = False,
@@ -186,7 +190,7 @@ def pick_command(
 def report_command(
     run: RunPath,
     compare: Annotated[list[Path] | None, typer.Option(help="Another run of the same scenario; may repeat.")] = None,
-    seeds: Annotated[int, typer.Option(help="Fresh seeds on which the front is flown.")] = _FRONT_SEEDS,
+    seeds: FrontSeeds = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Folder; RUN/report if absent.")] = None,

@@ -139,7 +139,7 @@ def pick(
     *,
     weights: Sequence[float] | None,
     min_f1: float | None,
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     workers: int,
     out: Path | None,
     as_json: bool,
@@ -168,7 +168,7 @@ def report(
     run: Path,
     *,
     compared: Sequence[Path] = (),
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     workers: int,
     scheduler: str | None,
     out: Path | None,
@@ -232,7 +232,7 @@ def target(
     return 0
 
 
-def _front_of(run: Path, seeds: int, workers: int) -> FlownFront:
+def _front_of(run: Path, seeds: int | None, workers: int) -> FlownFront:
     with contextlib.ExitStack() as resources:
         directory = resources.enter_context(RunDirectory.open(run))
         executor = resources.enter_context(make_executor(directory.configuration.job, workers))
