@@ -90,7 +90,10 @@ def pca_command(
     )
 
 
-_OPTIMIZE_EXAMPLE = "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --resume RUN"
+_OPTIMIZE_EXAMPLE = (
+    "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --dynamics rigid_body --screen; "
+    "moflock optimize --resume RUN"
+)
 
 
 @commands.command("optimize", epilog=_OPTIMIZE_EXAMPLE)
@@ -109,6 +112,9 @@ def optimize_command(
         False
     ),
     unbounded: Annotated[bool, typer.Option("--unbounded", help="Let cmaes leave the bounds.")] = False,
+    screen: Annotated[
+        bool, typer.Option("--screen", help="Fly all that is bred on point masses, and only the promising on bodies.")
+    ] = False,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
@@ -138,6 +144,7 @@ def optimize_command(
         "seed": seed,
         "dynamics": dynamics,
         "unbounded": unbounded or None,
+        "screen": screen or None,
         "timeout": timeout,
     }
     given = {name: value for name, value in settings.items() if value is not None}
@@ -243,11 +250,14 @@ def _configuration(
     duration: float | None,
     bounds: Path | None,
 ) -> Configuration:
+    from moflock_mj.identification import calibrated  # noqa: PLC0415
     from optimize.configuration import Configuration, Settings, search_scenario  # noqa: PLC0415
     from optimize.objectives import PAPER, load_objectives  # noqa: PLC0415
 
     settings = Settings(**given)
     flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
+    if settings.screen:
+        flown = calibrated(flown)
     wanted = load_objectives(objectives, flown) if objectives else PAPER
     return Configuration(
         scenario=flown,

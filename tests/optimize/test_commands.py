@@ -158,6 +158,8 @@ def test_flocks_around_a_target(tmp_path):
         (("optimize", "--drones", "0"), "drones"),
         (("optimize", "--seeds", "1000", "--budget", "100"), "budget: 100 flights"),
         (("optimize", "--unbounded"), "unbounded: only cmaes"),
+        (("optimize", "--screen"), "screen: it is for the dynamics rigid_body"),
+        (("optimize", "--screen", "--dynamics", "rigid_body", "--algorithm", "cmaes"), "screen: only nsga2"),
         (("optimize", "--bounds", "{tmp}/none.toml"), "none.toml"),
         (("optimize", "--bounds", "{tmp}/crossed.toml"), "r0_rep: lower 40 must be under upper 35"),
         (("optimize", "--front-seeds", "1"), "front_seeds: 1"),
