@@ -197,13 +197,13 @@ class _Processes:
         spread = np.ptp(flights.points[self.taken], axis=0)
         self._width = np.where(spread > 0, spread, 1.0)
         self._points = flights.points[self.taken] / self._width
-        values = flights.mean[self.taken]
+        values = means = flights.mean[self.taken]
         noise = np.maximum(variance[self.taken], _LEAST_VARIANCE) / flights.number[self.taken, None]
         self._cheaper, self._slope = cheaper, np.zeros(values.shape[1])
         if cheaper is not None:
             guess = cheaper.foresee(flights.points[self.taken]).mean
             self._slope = _slope(values, noise, guess)
-            values = values - self._slope * guess
+            values = means - self._slope * guess
         # One thread: more would wait for the workers' processors, and sum in an order that depends on their number.
         with _one_thread():
             if lengths is None:
@@ -215,8 +215,8 @@ class _Processes:
                 lengths = np.array(rows)
             self.lengths = lengths
             self._fits = [_fit(self._points, *row) for row in zip(values.T, noise.T, lengths, strict=True)]
-        # The kernel times the weights, without the kernel: (K + diag noise) weights = values - prior.
-        self.own_mean = np.clip(values - noise * np.stack([fit.weights for fit in self._fits], axis=1), 0.0, 1.0)
+        # What `mean` says at these points, without their kernel K: (K + diag noise) weights = values - prior.
+        self.own_mean = np.clip(means - noise * np.stack([fit.weights for fit in self._fits], axis=1), 0.0, 1.0)
 
     def mean(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, K), at points (m, D), within [0, 1]."""
