@@ -164,7 +164,7 @@ class LockStep:
         # Its other periods have no part here, and need not fit the autopilot's.
         scenario = plan.scenario.replace(
             step=self.period / interface.substeps, imu=None, drones=plan.vehicles,
-            duration=1.0, sample_period=0.1, warm_up=0.0, t_del=0.0,
+            duration=1e6, sample_period=0.1, warm_up=0.0, t_del=0.0,
         )  # fmt: skip
         streams = Streams.of(plan.seed)
         places = grid(plan.vehicles, plan.spacing)
