@@ -16,7 +16,7 @@ from moflock_mj.errors import FleetError
 OUTPUT = "output.txt"
 """What a program has printed, in its folder."""
 
-_GRACE = 2.0
+_GRACE = 1.0
 """s between asking a program to end and ending it."""
 
 PLACEHOLDERS = {
@@ -88,14 +88,20 @@ class Programs:
         return f"it has ended with {how}: see {self.folder / str(number) / OUTPUT}"
 
     def end(self) -> None:
-        """End all programs and what they have started."""
-        for ask, wait in ((signal.SIGTERM, _GRACE), (signal.SIGKILL, _GRACE)):
-            for program in self._running:
-                _tell_group(program, ask)
-            deadline = time.monotonic() + wait
-            while any(program.poll() is None for program in self._running) and time.monotonic() < deadline:
-                time.sleep(0.02)
-        # A child that has outlived its parent until here is in the group still, and has been killed with it.
+        """End all programs and what they have started, even if a second Ctrl-C breaks off the waiting for them."""
+        try:
+            self._tell_all(signal.SIGTERM)
+        finally:
+            # ArduPilot does not end while it waits for its physics, and a child may have outlived its parent.
+            self._tell_all(signal.SIGKILL)
+
+    def _tell_all(self, signal_number: int) -> None:
+        """Send a signal to all groups, and wait a little for the programs to end."""
+        for program in self._running:
+            _tell_group(program, signal_number)
+        deadline = time.monotonic() + _GRACE
+        while any(program.poll() is None for program in self._running) and time.monotonic() < deadline:
+            time.sleep(0.02)
 
     def __enter__(self) -> Programs:
         return self

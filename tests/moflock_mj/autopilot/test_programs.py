@@ -79,6 +79,23 @@ def test_programs_have_folders_and_end_with_their_children_even_if_they_do_not_w
     wait_for(lambda: not any(map(alive, pids)))
 
 
+def test_a_second_ctrl_c_while_programs_end_leaves_none(tmp_path, monkeypatch):
+    program = [sys.executable, "-c", "import signal, time; signal.signal(15, 1); print(1, flush=True); time.sleep(600)"]
+    programs = Programs([program], tmp_path)
+    wait_for((tmp_path / "0" / "output.txt").read_text)
+    naps = iter([KeyboardInterrupt])
+
+    def nap(_):
+        for interrupt in naps:
+            raise interrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("moflock_mj.autopilot.programs.time.sleep", nap)
+        with pytest.raises(KeyboardInterrupt):
+            programs.end()
+    assert programs.ended(0) == f"it has ended with signal 9: see {tmp_path / '0' / 'output.txt'}"
+
+
 def test_how_a_program_has_ended(tmp_path):
     with Programs([[sys.executable, "-c", "print('no'); raise SystemExit(3)"]], tmp_path) as programs:
         wait_for(lambda: programs.ended(0) is not None)
