@@ -47,3 +47,7 @@ class OrderError(MoflockError):
 
 class DeploymentError(MoflockError):
     """A deployment cannot begin: its vehicles, its report, its point or its place."""
+
+
+class ReportError(MoflockError):
+    """A report of a pre-flight check cannot be read, was edited, or does not allow the deployment."""

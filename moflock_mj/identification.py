@@ -128,6 +128,15 @@ def identify(scenario: Scenario) -> Identification:
     )
 
 
+def calibrated(scenario: Scenario) -> Scenario:
+    """The scenario with the point mass of its airframe, unless it has one of its own already.
+
+    Raises:
+        MoflockError: see `identify`.
+    """
+    return scenario if scenario.point_mass else scenario.replace(point_mass=identify(scenario).response)
+
+
 def _fit(misfit: Any, asked: PointMassResponse, free: tuple[str, ...]) -> PointMassResponse:
     """The response with the least squares of `misfit`, the named fields being free."""
     from scipy.optimize import least_squares  # noqa: PLC0415

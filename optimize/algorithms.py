@@ -55,7 +55,14 @@ class Algorithm(Protocol):
 
 
 def make_algorithm(
-    name: str, objectives: int, population: int, seed: int, *, brood: int = 1, unbounded: bool = False
+    name: str,
+    objectives: int,
+    population: int,
+    seed: int,
+    *,
+    brood: int = 1,
+    first_brood: int = 1,
+    unbounded: bool = False,
 ) -> Algorithm:
     """The algorithm of a name, of ALGORITHMS.
 
@@ -65,13 +72,14 @@ def make_algorithm(
         population: points per generation.
         seed: of its random numbers.
         brood: points that genetic algorithms breed for one that flies.
+        first_brood: the same in the first generation, of which nothing is known unless it is screened.
         unbounded: whether it may leave the cube.
     """
     if name == "cmaes":
         return CovarianceAdaptation(population, seed, unbounded=unbounded)
     if name == "pso":
         return Swarm(objectives, population, seed)
-    return Evolution(name, objectives, population, seed, brood)
+    return Evolution(name, objectives, population, seed, brood, first_brood)
 
 
 class Evolution:
@@ -83,16 +91,19 @@ class Evolution:
         population: points that survive, and that are flown, in a generation.
         seed: of its random numbers.
         brood: points that are bred for one that flies.
+        first_brood: the same in the first generation.
     """
 
-    def __init__(self, name: str, objectives: int, population: int, seed: int, brood: int) -> None:
+    def __init__(self, name: str, objectives: int, population: int, seed: int, brood: int, first_brood: int) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - pymoo takes a second to load
         from pymoo.algorithms.moo.unsga3 import UNSGA3  # noqa: PLC0415
         from pymoo.operators.crossover.sbx import SBX  # noqa: PLC0415
         from pymoo.operators.mutation.pm import PM  # noqa: PLC0415
 
         kinds = {"nsga2": NSGA2, "unsga3": UNSGA3}
-        more = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
+        more: dict[str, Any] = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
+        if first_brood > 1:
+            more["sampling"] = np.random.default_rng(seed).random((first_brood * population, DIMENSIONS))
         self._algorithm = kinds[name](
             pop_size=population,
             n_offsprings=brood * population,

@@ -70,14 +70,18 @@ class Entry(NamedTuple):
 class Archive:
     """A directory with the evaluations flown so far; close it, or use it in a `with`.
 
+    Args:
+        path: the directory.
+        database: the archive's file in it.
+
     Attributes:
         path: the directory.
         damaged: number of rows that could not be read when it was opened; who resumes flies them again.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, database: str = "archive.sqlite") -> None:
         self.path = path
-        self._database = path / "archive.sqlite"
+        self._database = path / database
         self.damaged = 0
         with _as_search_error(self._database):
             self._connection = self._connect()
@@ -195,11 +199,30 @@ class RunDirectory(Archive):
 
     Attributes:
         configuration: what is searched, and how.
+        screening: the archive, `screening.sqlite`, of the flights on point masses by which bodies are chosen; or None.
     """
 
     def __init__(self, path: Path, configuration: Configuration) -> None:
         super().__init__(path)
         self.configuration = configuration
+        self.screening = Archive(path, "screening.sqlite") if configuration.settings.screen else None
+
+    def repair(self) -> None:
+        """See `Archive`; both."""
+        super().repair()
+        if self.screening:
+            self.screening.repair()
+
+    def count_damaged(self) -> int:
+        """See `Archive`; the rows of both, while each remembers its own."""
+        damaged = super().count_damaged()
+        return damaged + (self.screening.count_damaged() if self.screening else 0)
+
+    def close(self) -> None:
+        """See `Archive`; both."""
+        super().close()
+        if self.screening:
+            self.screening.close()
 
     @classmethod
     def create(cls, path: str | Path, configuration: Configuration) -> RunDirectory:

@@ -52,6 +52,10 @@ RunPath = Annotated[Path, typer.Argument(help="A search's directory.", metavar="
 
 CORES = os.cpu_count() or 1
 _FRONT_SEEDS = 100
+FrontSeeds = Annotated[
+    int | None,
+    typer.Option(help=f"Fly the front again if it has flown fewer fresh seeds; {_FRONT_SEEDS} if it has none.", min=2),
+]
 
 
 @commands.command("pca", epilog="Example: moflock pca --drones 10 --out logs/objectives.json")
@@ -86,7 +90,10 @@ def pca_command(
     )
 
 
-_OPTIMIZE_EXAMPLE = "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --resume RUN"
+_OPTIMIZE_EXAMPLE = (
+    "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --dynamics rigid_body --screen; "
+    "moflock optimize --resume RUN"
+)
 
 
 @commands.command("optimize", epilog=_OPTIMIZE_EXAMPLE)
@@ -105,6 +112,9 @@ def optimize_command(
         False
     ),
     unbounded: Annotated[bool, typer.Option("--unbounded", help="Let cmaes leave the bounds.")] = False,
+    screen: Annotated[
+        bool, typer.Option("--screen", help="Fly all that is bred on point masses, and only the promising on bodies.")
+    ] = False,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
@@ -134,6 +144,7 @@ def optimize_command(
         "seed": seed,
         "dynamics": dynamics,
         "unbounded": unbounded or None,
+        "screen": screen or None,
         "timeout": timeout,
     }
     given = {name: value for name, value in settings.items() if value is not None}
@@ -159,7 +170,7 @@ def pick_command(
     weights: Annotated[str | None, typer.Option(help="Of the objectives, such as 1,2: best weighted sum.")] = None,
     min_f1: Annotated[float | None, typer.Option(help="Best second objective with at least this first one.")] = None,
     knee: Annotated[bool, typer.Option("--knee", help="The knee of the front, which is the default.")] = False,
-    seeds: Annotated[int, typer.Option(help="Fresh seeds, if the front has not been flown yet.")] = _FRONT_SEEDS,
+    seeds: FrontSeeds = None,
     workers: Workers = CORES,
     out: Annotated[Path | None, typer.Option(help="Point as .json; stdout if absent.")] = None,
     as_json: AsJson = False,
@@ -186,7 +197,7 @@ def pick_command(
 def report_command(
     run: RunPath,
     compare: Annotated[list[Path] | None, typer.Option(help="Another run of the same scenario; may repeat.")] = None,
-    seeds: Annotated[int, typer.Option(help="Fresh seeds on which the front is flown.")] = _FRONT_SEEDS,
+    seeds: FrontSeeds = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Folder; RUN/report if absent.")] = None,
@@ -239,11 +250,14 @@ def _configuration(
     duration: float | None,
     bounds: Path | None,
 ) -> Configuration:
+    from moflock_mj.identification import calibrated  # noqa: PLC0415
     from optimize.configuration import Configuration, Settings, search_scenario  # noqa: PLC0415
     from optimize.objectives import PAPER, load_objectives  # noqa: PLC0415
 
     settings = Settings(**given)
     flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
+    if settings.screen:
+        flown = calibrated(flown)
     wanted = load_objectives(objectives, flown) if objectives else PAPER
     return Configuration(
         scenario=flown,

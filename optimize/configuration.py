@@ -60,12 +60,20 @@ class Settings:
     population: int = quantity(50, "1", "points per generation", low=4, high=10_000)
     budget: int = quantity(2000, "1", "flights", low=1, high=10_000_000)
     unbounded: bool = quantity(False, "1", "whether cmaes may leave the bounds")
+    screen: bool = quantity(False, "1", "whether all that is bred flies on point masses, and only the best on bodies")
     timeout: float | None = quantity(600.0, "s", "of wall time for an evaluation", low=0, open_low=True, high=1e6)
 
     def __post_init__(self) -> None:
         check_fields(self, SearchError)
         if self.unbounded and self.algorithm != "cmaes":
             raise SearchError(f"unbounded: only cmaes can leave the bounds; the algorithm is {self.algorithm}")
+        if self.screen and self.dynamics != "rigid_body":
+            raise SearchError(f"screen: it is for the dynamics rigid_body; they are {self.dynamics}")
+        if self.screen and (self.algorithm in SINGLE_OBJECTIVE or self.noise == "fixed"):
+            raise SearchError(
+                "screen: only nsga2 and unsga3, with refly or common, breed more points than they fly; "
+                f"these are {self.algorithm} and {self.noise}"
+            )
         if self.budget < self.population * self.seeds:
             needed = self.population * self.seeds
             raise SearchError(f"budget: {self.budget} flights; it must be at least a generation's, {needed}")
@@ -105,6 +113,14 @@ class Configuration:
             coverage=self.objectives.coverage,
             timeout=self.settings.timeout,
         )
+
+    @property
+    def screening_job(self) -> Job | None:
+        """What the executor of the point masses needs to know, on which a search of bodies is screened; or None."""
+        if not self.settings.screen:
+            return None
+        scenario = search_scenario(self.scenario, "point_mass")
+        return dataclasses.replace(self.job, scenario=scenario, dynamics="point_mass")
 
     @property
     def maximised(self) -> Objectives:

@@ -9,11 +9,15 @@ A seed by itself makes half of the spread of F_1 and a fifth of that of F_2, for
 seed, a generation's points would be lucky together, and neighbours would not tell. So each evaluation has seeds of its
 own ("refly"), unless common random numbers are asked for: for each generation ("common"), or for all ("fixed", the
 paper's way), where single flights are compared as they are.
+
+A search of rigid bodies may be screened: what was bred, and the leaders, fly on a cheaper model, and what that model
+lets believe is what is expected of a body, until bodies teach otherwise.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +38,10 @@ class Trials(NamedTuple):
 
     points: NDArray[np.float64]
     seeds: tuple[tuple[int, ...], ...]
+
+
+Screen = Callable[[Trials], NDArray[np.float64]]
+"""Flies trials on a cheaper model and gives their objectives (n, S, K)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,6 +80,7 @@ class Plan:
         seeds: flights per point and generation, S.
         budget: flights.
         rng: of the flights' seeds.
+        screen_rng: of the seeds of flights on a cheaper model; None if there is none.
     """
 
     def __init__(
@@ -84,6 +93,7 @@ class Plan:
         seeds: int,
         budget: int,
         rng: np.random.Generator,
+        screen_rng: np.random.Generator | None = None,
     ) -> None:
         self._algorithm = algorithm
         self._policy = policy
@@ -95,13 +105,21 @@ class Plan:
         self._asked = Trials(np.empty((0, DIMENSIONS)), ())
         self._breeding = True
         self._population = population
-        self._memory = Memory(objectives)
+        self._screen_rng = screen_rng
+        self._screened = Memory(objectives)
+        self._memory = Memory(objectives, self._screened)
 
-    def ask(self) -> Trials | None:
-        """What to fly next; None when the budget does not allow more."""
+    def ask(self, screen: Screen | None = None) -> Trials | None:
+        """What to fly next; None when the budget does not allow more.
+
+        Args:
+            screen: the cheaper model, if the plan was given seeds for it. All that was bred, and the leaders, fly on it
+                first, which the budget does not count.
+        """
         leaders = self._memory.leaders(self._policy.leaders)
         if self._breeding and self._affordable(self._left - self._kept) >= self._population + len(leaders):
-            points = np.concatenate([self._algorithm.ask(self._memory.foresee), leaders])
+            asked = self._algorithm.ask(lambda bred: self._foresee(bred, leaders, screen))
+            points = np.concatenate([asked, leaders])
         else:
             self._breeding = False
             points = self._finalists(leaders)
@@ -128,6 +146,14 @@ class Plan:
         """Of the front, as the search believes it to be by now."""
         return hypervolume(self._memory.believed)
 
+    def _foresee(self, bred: NDArray[np.float64], leaders: NDArray[np.float64], screen: Screen | None) -> Belief | None:
+        if screen is not None and self._screen_rng is not None:
+            points = np.concatenate([bred, leaders])
+            seeds = tuple(_draw_seeds(self._screen_rng, self._flights) for _ in points)
+            self._screened.add(points, screen(Trials(points, seeds)))
+            self._memory.learn()
+        return self._memory.foresee(bred)
+
     def _finalists(self, leaders: NDArray[np.float64]) -> NDArray[np.float64]:
         """The leaders, and once what the algorithm would like to see flown, as far as the budget goes."""
         if not self._policy.leaders:
@@ -152,12 +178,14 @@ class Memory:
 
     Args:
         objectives: K.
+        cheaper: of flights on a cheaper model, which help to tell what to expect.
 
     Attributes:
         believed: (n, K), objectives, in the order in which the points first flew.
     """
 
-    def __init__(self, objectives: int) -> None:
+    def __init__(self, objectives: int, cheaper: Memory | None = None) -> None:
+        self._cheaper = cheaper
         self._row: dict[bytes, int] = {}
         none = np.empty((0, objectives))
         self._flights = Flights(np.empty((0, DIMENSIONS)), np.empty(0), none, none)
@@ -175,14 +203,26 @@ class Memory:
         np.add.at(self._flights.number, rows, values.shape[1])
         np.add.at(self._flights.total, rows, values.sum(axis=1))
         np.add.at(self._flights.squares, rows, (values**2).sum(axis=1))
-        self._regression = Regression(self._flights, self._regression)
-        self.believed = self._regression.mean()
+        self.learn()
+
+    def learn(self) -> None:
+        """Think again about what has flown: something new may be known of it, or of the cheaper model."""
+        if self._row:
+            cheaper = self._cheaper._regression if self._cheaper else None
+            self._regression = Regression(self._flights, self._regression, cheaper)
+            self.believed = self._regression.mean()
 
     def foresee(self, points: NDArray[np.float64]) -> Belief | None:
-        """What is to be expected of points (m, 12) that have not flown; None while nothing is known of the noise."""
-        if self._regression is None or not self._regression.noisy:
+        """What is to be expected of points (m, 12) that have not flown; None while nothing is known of the noise.
+
+        Until then the cheaper model's word is taken, which these points have flown on, if there is one.
+        """
+        if self._regression is not None and self._regression.noisy:
+            return self._regression.foresee(points)
+        if self._cheaper is None or not self._cheaper._row:
             return None
-        return self._regression.foresee(points)
+        mean = self._cheaper.judge(points)
+        return Belief(mean, np.zeros_like(mean))
 
     def unknown(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Those of the points (n, 12) that have not flown, each once."""

@@ -8,17 +8,23 @@ scatter by a thirtieth, those between by a quarter; so it is learnt as a functio
 Source: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapters 2, 4 and 5; noise that depends
 on the mean after Goldberg, Williams and Bishop, Regression with input-dependent noise (NIPS 1997), with a kernel
 average in place of their second process.
+
+Flights of a cheaper model of the same thing may help: what they let believe, times a slope, is then the mean that is
+expected of a point before it has flown, and the processes learn what the cheaper model has wrong (Kennedy and O'Hagan,
+Predicting the output from a complex computer code when fast approximations are available, Biometrika 87, 2000).
 """
 
 from __future__ import annotations
 
+import functools
+from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 MOST = 800
 """Points that are taken into a regression, those that flew most and latest; its time grows with their cube."""
@@ -45,6 +51,9 @@ _PRIOR_FLIGHTS = 50.0
 lucky in a few flights look both good and steady."""
 
 _LEAST_VARIANCE = 1e-6
+
+_SLOPE_DEVIATION = 0.5
+"""Of the slope with which an objective rises with a cheaper model's, about 1, before anything is known."""
 
 
 class Flights(NamedTuple):
@@ -86,12 +95,14 @@ class Regression:
     Args:
         flights: at least one point.
         before: of fewer flights of the same search, whose lengths still do.
+        cheaper: of a cheaper model's flights; it helps once it is `noisy`.
     """
 
-    def __init__(self, flights: Flights, before: Regression | None = None) -> None:
+    def __init__(self, flights: Flights, before: Regression | None = None, cheaper: Regression | None = None) -> None:
         self._flights = flights
+        cheaper = cheaper if cheaper is not None and cheaper.noisy else None
         pooled = pooled_variance(flights)
-        self.noisy = bool(pooled.any())
+        self.noisy: bool = bool(pooled.any())
         """Whether anything is known of the scatter."""
         if not self.noisy:
             return
@@ -100,17 +111,16 @@ class Regression:
         last: NDArray[np.float64] | None = None
         if before is not None and before.noisy and self._sought < _GROWTH * before._sought:
             self._sought, (first, last) = before._sought, before._lengths
-        few = _Processes(flights, np.broadcast_to(pooled, flights.total.shape), _FEW, first)
+        few = _Processes(flights, np.broadcast_to(pooled, flights.total.shape), _FEW, first, cheaper)
         self._variance = flight_variance(flights, few.mean(flights.points))
-        self._processes = _Processes(flights, self._variance, MOST, last)
+        self._processes = _Processes(flights, self._variance, MOST, last, cheaper)
         self._lengths: tuple[NDArray[np.float64], NDArray[np.float64]] = (few.lengths, self._processes.lengths)
 
     def mean(self) -> NDArray[np.float64]:
         """What is believed of the mean objectives (n, K) of the points that flew: their own means if not `noisy`."""
         mean = self._flights.mean
         if self.noisy:
-            taken = self._processes.taken
-            mean[taken] = self._processes.mean(self._flights.points[taken])
+            mean[self._processes.taken] = self._processes.own_mean
         return mean
 
     def belief(self) -> Belief:
@@ -167,23 +177,35 @@ class _Processes:
         variance: (n, K), of one flight.
         most: those that flew most and latest are taken.
         lengths: (K, D), as `lengths` below; sought if None.
+        cheaper: of a cheaper model's flights, or None.
 
     Attributes:
         taken: (m,), the numbers of the points that were taken.
         lengths: (K, D), distances over which each objective changes along each coordinate, in widths of the range.
+        own_mean: (m, K), what is believed of the means of the points that were taken.
     """
 
     def __init__(
-        self, flights: Flights, variance: NDArray[np.float64], most: int, lengths: NDArray[np.float64] | None
+        self,
+        flights: Flights,
+        variance: NDArray[np.float64],
+        most: int,
+        lengths: NDArray[np.float64] | None,
+        cheaper: Regression | None,
     ) -> None:
         self.taken = np.sort(np.lexsort((np.arange(len(flights.points)), flights.number))[-most:])
         spread = np.ptp(flights.points[self.taken], axis=0)
         self._width = np.where(spread > 0, spread, 1.0)
         self._points = flights.points[self.taken] / self._width
-        values = flights.mean[self.taken]
+        values = means = flights.mean[self.taken]
         noise = np.maximum(variance[self.taken], _LEAST_VARIANCE) / flights.number[self.taken, None]
+        self._cheaper, self._slope = cheaper, np.zeros(values.shape[1])
+        if cheaper is not None:
+            guess = cheaper.foresee(flights.points[self.taken]).mean
+            self._slope = _slope(values, noise, guess)
+            values = means - self._slope * guess
         # One thread: more would wait for the workers' processors, and sum in an order that depends on their number.
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             if lengths is None:
                 few = np.linspace(0, len(values) - 1, min(_FEW, len(values))).astype(int)
                 rows = [
@@ -193,23 +215,31 @@ class _Processes:
                 lengths = np.array(rows)
             self.lengths = lengths
             self._fits = [_fit(self._points, *row) for row in zip(values.T, noise.T, lengths, strict=True)]
+        # What `mean` says at these points, without their kernel K: (K + diag noise) weights = values - prior.
+        self.own_mean = np.clip(means - noise * np.stack([fit.weights for fit in self._fits], axis=1), 0.0, 1.0)
 
     def mean(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, K), at points (m, D), within [0, 1]."""
         scaled = points / self._width
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             columns = [fit.prior + _kernel(scaled, self._points, fit) @ fit.weights for fit in self._fits]
-        return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
+        mean = np.stack(columns, axis=1)
+        if self._cheaper is not None:
+            mean += self._slope * self._cheaper.foresee(points).mean
+        return np.clip(mean, 0.0, 1.0)
 
     def deviation(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, K), at points (m, D)."""
         scaled, columns = points / self._width, []
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             for fit in self._fits:
                 kernel = _kernel(scaled, self._points, fit)
                 explained = np.einsum("ij,ji->i", kernel, cho_solve(fit.factor, kernel.T))
                 columns.append(np.sqrt(np.maximum(fit.signal - explained, 0.0)))
-        return np.stack(columns, axis=1)
+        deviation = np.stack(columns, axis=1)
+        if self._cheaper is not None:
+            deviation = np.hypot(deviation, self._slope * self._cheaper.foresee(points).deviation)
+        return deviation
 
 
 class _Fit(NamedTuple):
@@ -241,6 +271,20 @@ def _fit(
     prior = float(np.average(values, weights=1 / (signal + noise)))
     factor = cho_factor(_matern(points, points, signal, lengths) + np.diag(noise), lower=True)
     return _Fit(signal, lengths, prior, factor, cho_solve(factor, values - prior))
+
+
+def _slope(values: NDArray[np.float64], noise: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much means (m, K) of variances `noise` rise with what is guessed of them (m, K), at least 0: (K,).
+
+    Least squares, with a prior that the cheaper model is right but for an offset.
+    """
+    rows = []
+    for value, scatter, guessed in zip(values.T, noise.T, guess.T, strict=True):
+        weights = 1 / (_signal(value, scatter) + scatter)
+        centred = guessed - np.average(guessed, weights=weights)
+        sure = 1 / _SLOPE_DEVIATION**2
+        rows.append(max(float(weights @ (centred * value) + sure) / float(weights @ centred**2 + sure), 0.0))
+    return np.array(rows)
 
 
 def _signal(values: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
@@ -306,11 +350,33 @@ def _matern(
     a: NDArray[np.float64], b: NDArray[np.float64], signal: float, lengths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Matern's covariance of smoothness 5/2 (equation 4.17) of points (n, D) and (m, D): (n, m)."""
-    r = np.sqrt(5 * _squared_distances(a / lengths, b / lengths))
-    return np.asarray(signal * (1 + r + r**2 / 3) * np.exp(-r))
+    r = _squared_distances(a / lengths, b / lengths)
+    r *= 5
+    np.sqrt(r, out=r)
+    polynomial = r / 3
+    polynomial += 1
+    polynomial *= r
+    polynomial += 1
+    polynomial *= signal
+    np.exp(np.negative(r, out=r), out=r)
+    r *= polynomial
+    return r
 
 
 def _squared_distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Between points (n, D) and points (m, D): (n, m)."""
-    squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)
-    return np.asarray(np.maximum(squares - 2 * a @ b.T, 0.0))
+    squares = (-2 * a) @ b.T
+    squares += (a**2).sum(axis=1)[:, None]
+    squares += (b**2).sum(axis=1)
+    return np.maximum(squares, 0.0, out=squares)
+
+
+@functools.cache
+def _controller() -> ThreadpoolController:
+    """Finding the libraries that a process has loaded takes longer than a small regression."""
+    return ThreadpoolController()
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    limit: AbstractContextManager[object] = _controller().limit(limits=1, user_api="blas")
+    return limit

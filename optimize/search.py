@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import SearchError
 from optimize.algorithms import make_algorithm
-from optimize.archive import RunDirectory
+from optimize.archive import Archive, RunDirectory
 from optimize.configuration import Configuration, installed_versions
 from optimize.estimates import Estimate, estimated_front, hypervolume
 from optimize.evaluation import OK, Evaluation, Task
@@ -26,21 +27,23 @@ class SearchProgress(NamedTuple):
     Attributes:
         generation: the one in flight, from 0.
         evaluations: done, those of the archive included.
-        flights: done.
+        flights: done, those on point masses by which a search of bodies is screened left out.
+        screened: done of those.
         budget: flights in all.
         hypervolume: of the front so far, as the search itself estimates it; None before the first generation is over.
         rate: evaluations per second since this session began.
-        seconds_left: s.
+        seconds_left: s; None while that cannot be told.
         infeasible: evaluations that could not be flown.
     """
 
     generation: int
     evaluations: int
     flights: int
+    screened: int
     budget: int
     hypervolume: float | None
     rate: float
-    seconds_left: float
+    seconds_left: float | None
     infeasible: int
 
 
@@ -58,6 +61,7 @@ class SearchResult(NamedTuple):
         infeasible: could not be flown, and
         replayed: were in the archive already.
         flights: how many.
+        screened: flights on point masses by which a search of bodies was screened, which all these leave out.
         seconds: s, wall time of this session.
         complete: whether the budget is spent; False if it was stopped.
     """
@@ -69,6 +73,7 @@ class SearchResult(NamedTuple):
     infeasible: int
     replayed: int
     flights: int
+    screened: int
     seconds: float
     complete: bool
 
@@ -78,6 +83,8 @@ def search(
     executor: Executor,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
+    *,
+    screening: Executor | None = None,
 ) -> SearchResult:
     """Search until the budget is spent, and go on where the archive ends if the run was begun before.
 
@@ -89,32 +96,31 @@ def search(
         executor: flies them.
         progress: told after each evaluation.
         stop: asked after each evaluation; the search ends, to be resumed, when it says True.
+        screening: flies the configuration's `screening_job`, if it has one.
 
     Raises:
         SearchError: the archive is not of this search or cannot be written, or another search is running in it.
     """
     with run.locked():
         run.repair()
-        session = _Session(run, executor, progress)
+        session = _Session(run, executor, screening, progress, stop)
         plan = make_plan(run.configuration)
         complete = False
-        while not (stop and stop()):
-            trials = plan.ask()
-            if trials is None:
-                complete = True
-                break
-            values = session.fly(trials, stop)
-            if values is None:
-                break
-            plan.tell(values)
-            session.hypervolume = plan.hypervolume()
+        with contextlib.suppress(_Stopped):
+            while not (stop and stop()):
+                trials = plan.ask(session.screen if screening else None)
+                if trials is None:
+                    complete = True
+                    break
+                plan.tell(session.fly(trials))
+                session.hypervolume = plan.hypervolume()
         return session.result(complete=complete)
 
 
 def make_plan(configuration: Configuration) -> Plan:
     """How the configured search spends its flights; the same each time."""
     settings = configuration.settings
-    flight_seeds, algorithm_seed = np.random.SeedSequence(settings.seed).spawn(2)
+    flight_seeds, algorithm_seed, screen_seeds = np.random.SeedSequence(settings.seed).spawn(3)
     objectives = len(configuration.maximised.names)
     policy = noise_policy(settings.noise, settings.population)
     return Plan(
@@ -124,6 +130,7 @@ def make_plan(configuration: Configuration) -> Plan:
             settings.population,
             int(algorithm_seed.generate_state(1)[0]),
             brood=policy.brood,
+            first_brood=policy.brood if settings.screen else 1,
             unbounded=settings.unbounded,
         ),
         policy,
@@ -132,70 +139,126 @@ def make_plan(configuration: Configuration) -> Plan:
         seeds=settings.seeds,
         budget=settings.budget,
         rng=np.random.default_rng(flight_seeds),
+        screen_rng=np.random.default_rng(screen_seeds) if settings.screen else None,
     )
+
+
+class _Stopped(Exception):  # noqa: N818 - not an error
+    """The search is to end."""
 
 
 class _Session:
     """The part of a search that flies, archives and counts."""
 
-    def __init__(self, run: RunDirectory, executor: Executor, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        run: RunDirectory,
+        executor: Executor,
+        screening: Executor | None,
+        progress: Progress | None,
+        stop: Callable[[], bool] | None,
+    ) -> None:
         self._run = run
-        self._executor = executor
         self._progress = progress
-        self._archived = {entry.evaluation.number: entry for entry in run.entries()}
-        self._evaluations: list[Evaluation] = []
-        """All that were flown or recalled, in the order in which they came."""
+        self._stop = stop
+        self._flown = _Flown(run, executor)
+        self._screened = _Flown(run.screening, screening) if run.screening and screening else None
         self._generation = 0
-        self._flights = self._infeasible = self._replayed = 0
         self.hypervolume: float | None = None
         self._began = time.monotonic()
 
-    def fly(self, trials: Trials, stop: Callable[[], bool] | None) -> NDArray[np.float64] | None:
-        """Objectives (n, S, K) of a generation, flown or found in the archive; None if it was stopped."""
-        first = len(self._evaluations)
-        points = self._run.configuration.bounds.from_unit(trials.points)
-        pairs = zip(points.tolist(), trials.seeds, strict=True)
-        tasks = [Task(first + i, FlockingParams(*point), seeds) for i, (point, seeds) in enumerate(pairs)]
-        for task in tasks:
-            if task.number in self._archived:
-                self._count(self._recall(task))
-                self._replayed += 1
-        missing = [task for task in tasks if task.number not in self._archived]
-        for evaluation in self._executor.evaluate(missing):
-            self._run.append(evaluation, self._generation)
-            self._count(evaluation)
-            if self._progress:
-                self._progress(self._how_far())
-            if stop and stop():
-                return None
-        self._generation += 1
-        generation = sorted(self._evaluations[first:], key=lambda evaluation: evaluation.number)
-        objectives = self._run.configuration.maximised
-        return np.array([objectives.of_columns(evaluation.fitness) for evaluation in generation])
+    def fly(self, trials: Trials) -> NDArray[np.float64]:
+        """Objectives (n, S, K) of a generation, flown or found in the archive.
 
-    def _count(self, evaluation: Evaluation) -> None:
-        self._evaluations.append(evaluation)
-        self._flights += len(evaluation.seeds)
-        self._infeasible += evaluation.outcome != OK
+        Raises:
+            _Stopped: before all were flown.
+        """
+        values = self._values(self._flown, trials)
+        self._generation += 1
+        return values
+
+    def screen(self, trials: Trials) -> NDArray[np.float64]:
+        """The same on point masses, before the generation flies."""
+        assert self._screened is not None  # for the type checker: a search that screens has an executor for it
+        return self._values(self._screened, trials)
 
     def result(self, *, complete: bool) -> SearchResult:
-        configuration = self._run.configuration
+        configuration, flown = self._run.configuration, self._flown
         # In the order of their numbers, so that the order of completion changes nothing.
-        evaluations = sorted(self._evaluations, key=lambda evaluation: evaluation.number)
+        evaluations = sorted(flown.evaluations, key=lambda evaluation: evaluation.number)
         front = estimated_front(evaluations, configuration.objectives, configuration.maximised)
         return SearchResult(
             front=front,
             hypervolume=hypervolume([estimate.mean for estimate in front]) if front else 0.0,
             generations=self._generation,
-            evaluations=len(self._evaluations),
-            infeasible=self._infeasible,
-            replayed=self._replayed,
-            flights=self._flights,
+            evaluations=len(evaluations),
+            infeasible=flown.infeasible,
+            replayed=flown.replayed,
+            flights=flown.flights,
+            screened=self._screened.flights if self._screened else 0,
             seconds=time.monotonic() - self._began,
             complete=complete,
         )
 
-    def _recall(self, task: Task) -> Evaluation:
+    def _values(self, flown: _Flown, trials: Trials) -> NDArray[np.float64]:
+        first = len(flown.evaluations)
+        points = self._run.configuration.bounds.from_unit(trials.points)
+        pairs = zip(points.tolist(), trials.seeds, strict=True)
+        tasks = [Task(first + i, FlockingParams(*point), seeds) for i, (point, seeds) in enumerate(pairs)]
+        for _ in flown.fly(tasks, self._generation, self._run.configuration):
+            if self._progress:
+                self._progress(self._how_far())
+            if self._stop and self._stop():
+                raise _Stopped
+        generation = sorted(flown.evaluations[first:], key=lambda evaluation: evaluation.number)
+        objectives = self._run.configuration.maximised
+        return np.array([objectives.of_columns(evaluation.fitness) for evaluation in generation])
+
+    def _how_far(self) -> SearchProgress:
+        kinds = [flown for flown in (self._flown, self._screened) if flown]
+        done = sum(len(flown.evaluations) for flown in kinds)
+        flights, budget = self._flown.flights, self._run.configuration.settings.budget
+        rate = (done - sum(flown.replayed for flown in kinds)) / max(time.monotonic() - self._began, 1e-9)
+        return SearchProgress(
+            generation=self._generation,
+            evaluations=done,
+            flights=flights,
+            screened=self._screened.flights if self._screened else 0,
+            budget=budget,
+            hypervolume=self.hypervolume,
+            rate=rate,
+            seconds_left=(budget - flights) * done / flights / rate if flights else None,
+            infeasible=self._flown.infeasible,
+        )
+
+
+class _Flown:
+    """The evaluations of one archive, flown or recalled, in the order in which they came."""
+
+    def __init__(self, archive: Archive, executor: Executor) -> None:
+        self._archive = archive
+        self._executor = executor
+        self._archived = {entry.evaluation.number: entry for entry in archive.entries()}
+        self.evaluations: list[Evaluation] = []
+        self.flights = self.infeasible = self.replayed = 0
+
+    def fly(self, tasks: list[Task], generation: int, configuration: Configuration) -> Iterator[Evaluation]:
+        """Recall the tasks that the archive has, fly and archive the others; gives these as they are done."""
+        for task in tasks:
+            if task.number in self._archived:
+                self._count(self._recall(task, generation, configuration))
+                self.replayed += 1
+        for evaluation in self._executor.evaluate([task for task in tasks if task.number not in self._archived]):
+            self._archive.append(evaluation, generation)
+            self._count(evaluation)
+            yield evaluation
+
+    def _count(self, evaluation: Evaluation) -> None:
+        self.evaluations.append(evaluation)
+        self.flights += len(evaluation.seeds)
+        self.infeasible += evaluation.outcome != OK
+
+    def _recall(self, task: Task, generation: int, configuration: Configuration) -> Evaluation:
         """A task's evaluation from the archive.
 
         Raises:
@@ -203,23 +266,10 @@ class _Session:
         """
         entry = self._archived[task.number]
         found = entry.evaluation
-        if (found.params, found.seeds, entry.generation) == (task.params, task.seeds, self._generation):
+        if (found.params, found.seeds, entry.generation) == (task.params, task.seeds, generation):
             return found
-        then, now = self._run.configuration.versions, installed_versions()
+        then, now = configuration.versions, installed_versions()
         changed = [f"{name} {then.get(name)} then, {now[name]} now" for name in now if then.get(name) != now[name]]
         why = "; ".join(changed) or "its configuration was changed"
-        raise SearchError(f"archive {self._run.path}: evaluation {task.number} is not what this search asks for: {why}")
-
-    def _how_far(self) -> SearchProgress:
-        done, budget = len(self._evaluations), self._run.configuration.settings.budget
-        rate = (done - self._replayed) / max(time.monotonic() - self._began, 1e-9)
-        return SearchProgress(
-            generation=self._generation,
-            evaluations=done,
-            flights=self._flights,
-            budget=budget,
-            hypervolume=self.hypervolume,
-            rate=rate,
-            seconds_left=(budget - self._flights) * done / self._flights / rate,
-            infeasible=self._infeasible,
-        )
+        where = f"archive {self._archive.path}: evaluation {task.number}"
+        raise SearchError(f"{where} is not what this search asks for: {why}")

@@ -54,7 +54,10 @@ def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str
     """How far a search is, in a line; `measure` is what its hypervolume is called."""
     parts = [] if progress.hypervolume is None else [f"{measure} {progress.hypervolume:.3f}"]
     parts.append(f"{progress.rate:.1f} evaluations/s")
-    parts.append(f"{datetime.timedelta(seconds=round(progress.seconds_left))} left")
+    if progress.seconds_left is not None:
+        parts.append(f"{datetime.timedelta(seconds=round(progress.seconds_left))} left")
+    if progress.screened:
+        parts.append(f"{progress.screened} flights on point masses")
     if progress.infeasible:
         parts.append(f"{progress.infeasible} infeasible")
     return "  ".join(parts)
@@ -149,6 +152,8 @@ def _closing_lines(result: SearchResult, configuration: Configuration, path: Pat
     ]
     if result.replayed:
         lines.append(f"{result.replayed} of the evaluations were in the archive already")
+    if result.screened:
+        lines.append(f"{result.screened} flights on point masses told which points to fly on bodies")
     if result.infeasible:
         lines.append(f"{result.infeasible} evaluations were infeasible; the archive's column `outcome` says why")
     if not result.complete:

@@ -21,7 +21,7 @@ from optimize.archive import RunDirectory
 from optimize.bounds import Bounds
 from optimize.configuration import Configuration, search_scenario
 from optimize.evaluation import Job
-from optimize.executor import make_executor
+from optimize.executor import Executor, make_executor
 from optimize.figures import components_figure, save
 from optimize.findings import flown_front, gather
 from optimize.flight_figures import target_figure
@@ -114,14 +114,14 @@ def optimize(
     with contextlib.ExitStack() as resources:
         if configuration is None:
             run = resources.enter_context(RunDirectory.open(path))
-            executor = resources.enter_context(make_executor(run.configuration.job, workers, scheduler))
+            executor, screening = crews(run.configuration, workers, scheduler, resources)
         else:  # workers first: a search that nobody can fly leaves no directory
-            executor = resources.enter_context(make_executor(configuration.job, workers, scheduler))
+            executor, screening = crews(configuration, workers, scheduler, resources)
             run = resources.enter_context(RunDirectory.create(path, configuration))
-        if run.damaged and not as_json:
-            print(f"{run.damaged} evaluations of the archive are damaged, and are flown again", file=sys.stderr)
+        if (damaged := run.count_damaged()) and not as_json:
+            print(f"{damaged} evaluations of the archive are damaged, and are flown again", file=sys.stderr)
         with search_progress(run.configuration) as progress, stop_on_interrupt() as interrupted:
-            result = search(run, executor, progress, interrupted)
+            result = search(run, executor, progress, interrupted, screening=screening)
         front = None
         if result.complete and seeds:
             with flights_progress("front on fresh seeds") as told:
@@ -134,12 +134,28 @@ def optimize(
     return 0 if result.complete else INTERRUPTED
 
 
+def crews(
+    configuration: Configuration, workers: int, scheduler: str | None, resources: contextlib.ExitStack
+) -> tuple[Executor, Executor | None]:
+    """Workers of a search, and those of the point masses by which it is screened, if it is; they end with `resources`.
+
+    Raises:
+        MoflockError: none can be had.
+    """
+    own, screening = (
+        resources.enter_context(make_executor(job, workers, scheduler)) if job else None
+        for job in (configuration.job, configuration.screening_job)
+    )
+    assert own is not None  # for the type checker
+    return own, screening
+
+
 def pick(
     run: Path,
     *,
     weights: Sequence[float] | None,
     min_f1: float | None,
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     workers: int,
     out: Path | None,
     as_json: bool,
@@ -168,7 +184,7 @@ def report(
     run: Path,
     *,
     compared: Sequence[Path] = (),
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     workers: int,
     scheduler: str | None,
     out: Path | None,
@@ -232,7 +248,7 @@ def target(
     return 0
 
 
-def _front_of(run: Path, seeds: int, workers: int) -> FlownFront:
+def _front_of(run: Path, seeds: int | None, workers: int) -> FlownFront:
     with contextlib.ExitStack() as resources:
         directory = resources.enter_context(RunDirectory.open(run))
         executor = resources.enter_context(make_executor(directory.configuration.job, workers))

@@ -19,12 +19,14 @@ class FakeExecutor:
         backwards: whether the last task is done first.
         fails: numbers of tasks that are infeasible.
         dies_at: number of the evaluation before which it raises KeyboardInterrupt.
+        bias: added to both objectives.
     """
 
     workers = 1
 
-    def __init__(self, job, noise=0.05, backwards=False, fails=(), dies_at=None):
+    def __init__(self, job, noise=0.05, backwards=False, fails=(), dies_at=None, bias=0.0):
         self.job, self.noise, self.backwards, self.fails, self.dies_at = job, noise, backwards, fails, dies_at
+        self.bias = bias
         self.flown = []
 
     def evaluate(self, tasks):
@@ -40,7 +42,9 @@ class FakeExecutor:
         rows = []
         for seed in task.seeds:
             noise = self.noise * np.random.default_rng(seed).standard_normal(2)
-            f_1, f_2 = np.clip(np.array([np.sqrt(abs(unit[0])), np.sqrt(abs(1 - unit[0]))]) - distance + noise, 0, 1)
+            f_1, f_2 = np.clip(
+                np.array([np.sqrt(abs(unit[0])), np.sqrt(abs(1 - unit[0]))]) - distance + self.bias + noise, 0, 1
+            )
             rows.append([f_1, 1, f_2, 1, 1, 1])
         return Evaluation(
             task.number,

@@ -162,3 +162,34 @@ def test_of_too_many_points_the_surest_and_latest_are_taken(monkeypatch):
     found = Regression(flights).mean()
     assert (found[:20] == flights.mean[:20]).all()
     assert (found[20:] != flights.mean[20:]).all()
+
+
+def test_a_cheaper_model_tells_what_few_flights_cannot():
+    """A model that is right up to its scale and an offset, flown on many points, and the real thing on few."""
+    rng = np.random.default_rng(5)
+    many, at = rng.random((200, 12)), rng.random((50, 12))
+    cheap = Regression(flown(many, truth_at(many), [20] * 200, rng))
+    few = flown(many[:25], 0.2 + 0.6 * truth_at(many[:25]), [2] * 25, rng, 0.1)
+    wanted = 0.2 + 0.6 * truth_at(at)
+    alone, helped = Regression(few).foresee(at), Regression(few, None, cheap).foresee(at)
+    errors = [np.sqrt(np.mean((found.mean - wanted) ** 2)) for found in (alone, helped)]
+    assert errors[1] < 0.8 * errors[0]
+    assert Regression(few, None, cheap)._processes._slope[0] == pytest.approx(0.6, abs=0.3)
+
+
+def test_a_cheaper_model_that_knows_nothing_changes_nothing():
+    flights, at = noisy([2] * 40), np.random.default_rng(2).random((5, 12))
+    empty = Regression(Flights(flights.points, np.ones(40), flights.mean, flights.mean**2))
+    assert not empty.noisy
+    plain, other = Regression(flights).foresee(at), Regression(flights, None, empty).foresee(at)
+    assert plain.mean.tobytes() == other.mean.tobytes()
+    assert plain.deviation.tobytes() == other.deviation.tobytes()
+
+
+@pytest.mark.parametrize("helped", [False, True])
+def test_points_that_flew_are_believed_to_be_what_is_foreseen_of_them(helped):
+    rng = np.random.default_rng(6)
+    flights = noisy([2] * 40)
+    cheap = Regression(flown(flights.points, 0.5 * truth_at(flights.points), [20] * 40, rng)) if helped else None
+    found = Regression(flights, None, cheap)
+    np.testing.assert_allclose(found.mean(), found.foresee(flights.points).mean, atol=1e-12)

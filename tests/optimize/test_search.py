@@ -7,8 +7,12 @@ import textwrap
 import numpy as np
 import pytest
 
+from controllers.flocking import FlockingParams
 from moflock_mj.errors import SearchError
 from optimize.archive import RunDirectory
+from optimize.estimates import hypervolume
+from optimize.evaluation import Task
+from optimize.front import candidates
 from optimize.search import search
 from tests.optimize.fakes import FakeExecutor, small_configuration
 
@@ -20,6 +24,22 @@ def outcome(run):
         for entry in run.entries()
         for flown in [entry.evaluation]
     ]
+
+
+def screened_outcome(run):
+    return outcome(run) + outcome(run.screening)
+
+
+def screened_search(run, dies_at=None, screening_dies_at=None, **more):
+    """A search of "bodies" that are screened on "point masses", which are a tenth better."""
+    configuration = run.configuration
+    executor = FakeExecutor(configuration.job, dies_at=dies_at)
+    screening = FakeExecutor(configuration.screening_job, bias=0.1, dies_at=screening_dies_at)
+    return search(run, executor, screening=screening, **more)
+
+
+def screened_configuration(**settings):
+    return small_configuration(dynamics="rigid_body", screen=True, **settings)
 
 
 def front(result):
@@ -163,3 +183,67 @@ def test_more_flights_of_the_same_noise_find_a_better_front(tmp_path):
 def test_settings_that_make_no_sense_are_refused(settings, words):
     with pytest.raises(SearchError, match=words):
         small_configuration(**settings)
+
+
+def test_a_screened_search_flies_all_that_is_bred_on_point_masses_and_few_on_bodies(tmp_path):
+    told = []
+    with RunDirectory.create(tmp_path / "run", screened_configuration(budget=100)) as run:
+        result = screened_search(run, progress=told.append)
+        bred = {flown.params for flown in run.screening.evaluations()}
+        assert {flown.params for flown in run.evaluations()} <= bred
+        assert len(run.evaluations()) == result.flights == result.evaluations <= 100
+        assert len(run.screening.evaluations()) == result.screened > 2 * result.flights
+    assert told[0].flights == 0
+    assert told[0].seconds_left is None
+    assert (told[-1].flights, told[-1].screened) == (result.flights, result.screened)
+
+
+def test_a_screened_search_killed_anywhere_and_resumed_ends_the_same(tmp_path):
+    configuration = screened_configuration(seeds=2, budget=100)
+    with RunDirectory.create(tmp_path / "whole", configuration) as run:
+        result, expected = screened_search(run), screened_outcome(run)
+    with RunDirectory.create(tmp_path / "killed", configuration) as run:
+        for deaths in ({"screening_dies_at": 5}, {"dies_at": 2}, {"screening_dies_at": 40}, {"dies_at": 17}):
+            with pytest.raises(KeyboardInterrupt):
+                screened_search(run, **deaths)
+    with RunDirectory.open(tmp_path / "killed") as run:
+        resumed = screened_search(run)
+        assert screened_outcome(run) == expected
+    assert front(resumed) == front(result)
+    assert resumed.replayed == 17
+
+
+def test_rows_of_point_masses_that_are_damaged_are_flown_again(tmp_path):
+    with RunDirectory.create(tmp_path / "run", screened_configuration()) as run:
+        screened_search(run)
+        expected = screened_outcome(run)
+        run.screening._connection.execute("UPDATE evaluations SET r0_rep = 31.0 WHERE number IN (5, 30)")
+        run.screening._connection.commit()
+    with RunDirectory.open(tmp_path / "run") as run:
+        assert run.count_damaged() == 2
+        screened_search(run)
+        assert screened_outcome(run) == expected
+
+
+def test_as_many_flights_of_bodies_find_a_better_front_with_screening(tmp_path):
+    """Noise as of flights; over three seeds, since each search has luck of its own."""
+    plain, screened = [], []
+    for seed in (1, 2, 3):
+        settings = {"seed": seed, "population": 12, "budget": 96}
+        with RunDirectory.create(tmp_path / f"plain-{seed}", small_configuration(**settings)) as run:
+            search(run, FakeExecutor(run.configuration.job, noise=0.2))
+            plain.append(true_hypervolume(run))
+        with RunDirectory.create(tmp_path / f"screened-{seed}", screened_configuration(**settings)) as run:
+            job = run.configuration.screening_job
+            screening = FakeExecutor(job, noise=0.2, bias=0.1)
+            search(run, FakeExecutor(run.configuration.job, noise=0.2), screening=screening)
+            screened.append(true_hypervolume(run))
+    assert np.mean(screened) > np.mean(plain) + 0.02
+
+
+def true_hypervolume(run):
+    """Of a search's candidates, without noise."""
+    points = candidates(run.evaluations(), run.configuration.objectives, 12)
+    tasks = [Task(number, FlockingParams(*point), (1,)) for number, point in enumerate(points.tolist())]
+    flown = FakeExecutor(run.configuration.job, noise=0.0).evaluate(tasks)
+    return hypervolume([run.configuration.objectives.of_columns(flight.fitness[0]) for flight in flown])
