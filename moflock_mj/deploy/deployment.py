@@ -108,13 +108,22 @@ class Deployed:
 
 
 class Wishes:
-    """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves."""
+    """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves.
 
-    def __init__(self) -> None:
+    Args:
+        give_up: called if nobody is armed yet.
+    """
+
+    def __init__(self, give_up: Callable[[], object] = lambda: None) -> None:
+        self.in_flight = False
+        self._give_up = give_up
         self._pressed = asyncio.Event()
 
     def press(self) -> None:
-        self._pressed.set()
+        if self.in_flight:
+            self._pressed.set()
+        else:
+            self._give_up()
 
     async def next(self) -> None:
         """Wait for the next one."""
@@ -170,6 +179,7 @@ async def deploy(
             ground.observers.append(record.packet)
             ground.check_ids()
             flight = _Flight(plan, flock, record, members)
+            wishes.in_flight = True
             await flight.fly(wishes)
             figures = record.figures(flock)
             record.finish(figures, flight.error)
