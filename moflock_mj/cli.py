@@ -250,8 +250,8 @@ class Finish(enum.StrEnum):
 _DEPLOY_EXAMPLE = """Example: moflock deploy knee --vehicles udp:127.0.0.1:14600-14609 --duration 60 --rehearse
 
 Vehicles are KIND:HOST:PORT or KIND:HOST:PORT-LAST, several separated by commas. udp (udpout): we speak first, to
-vehicles that listen, such as those of moflock fleet. udpin: we listen; PX4 speaks to port 14540 + i, ArduPilot to 14550.
-tcp: ArduPilot's simulators at 5760, 5770...
+vehicles that listen, such as those of moflock fleet. udpin: we listen; PX4 speaks to port 14540 + i, ArduPilot to
+14550. tcp: ArduPilot's simulators at 5760, 5770...
 
 Ctrl-C (or SIGTERM) once: all hold; twice: all land; three times: they are left to their own failsafes.
 

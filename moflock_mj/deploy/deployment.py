@@ -27,6 +27,7 @@ from moflock_mj.mavlink.piloting import Task
 from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.scenario import Scenario
+from moflock_mj.steering import compile_policy
 
 _POLL = 0.05
 _CLIMB_SLOWEST = 0.4
@@ -155,6 +156,7 @@ async def deploy(
     Raises:
         MoflockError: nobody was armed, because of this.
     """
+    compile_policy(plan.params, plan.scenario)
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
         plan = dataclasses.replace(plan, scenario=plan.scenario.replace(drones=len(vehicles)))
         styles = {piloting.style_of(vehicle).name for vehicle in vehicles}
