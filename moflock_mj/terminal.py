@@ -130,11 +130,9 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
 
 
 def _head_line(flight: Flight) -> str:
-    scenario = flight.scenario
-    what = f"{scenario.airframe} rigid bodies" if flight.body else "point masses"
     rate = flight.flown / flight.wall_seconds
     return (
-        f"{scenario.drones} {what}, {flight.flown:g} s in {flight.wall_seconds:.1f} s ({rate:.0f}x real time), "
+        f"{flight.flock_name}, {flight.flown:g} s in {flight.wall_seconds:.1f} s ({rate:.0f}x real time), "
         f"seed {flight.seed}"
     )
 

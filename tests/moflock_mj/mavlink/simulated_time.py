@@ -89,14 +89,15 @@ class Wires:
 
 
 @contextlib.asynccontextmanager
-async def flying(fleet):
-    """Let a fleet fly on the loop's clock."""
+async def flying(fleet, watch=lambda: None):
+    """Let a fleet fly on the loop's clock; `watch` is called after each of its ticks."""
 
     async def fly():
         loop = asyncio.get_running_loop()
         began, done = loop.time(), 0
         while True:
             fleet.tick()
+            watch()
             done += 1
             await asyncio.sleep(began + done * TICK - loop.time())
 
