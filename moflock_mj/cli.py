@@ -15,6 +15,7 @@ import typer
 from moflock_mj.errors import MoflockError
 from moflock_mj.gl import do_without_gl
 from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
+from moflock_mj.preflight.commands import commands as preflight_commands
 from optimize.commands import commands as search_commands
 from optimize.validation_commands import commands as validation_commands
 
@@ -173,6 +174,7 @@ def _size(text: str) -> tuple[int, int]:
 
 app.add_typer(search_commands)
 app.add_typer(validation_commands)
+app.add_typer(preflight_commands)
 
 
 class Autopilot(enum.StrEnum):

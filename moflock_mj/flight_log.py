@@ -151,7 +151,7 @@ def circumstances() -> dict[str, str]:
     """Versions, machine and time: what may explain a difference between two flights."""
     return {
         "moflock_version": version("moflock-mj"),
-        "commit": _commit(),
+        "commit": source_commit(),
         "mujoco_version": version("mujoco"),
         "numpy_version": version("numpy"),
         "numba_version": version("numba"),
@@ -178,7 +178,7 @@ def flight_attachments(
     )
 
 
-def _commit() -> str:
+def source_commit() -> str:
     """The commit of the source, or nothing for an installed package."""
     root = Path(__file__).resolve().parent.parent
     if not (root / ".git").exists():
