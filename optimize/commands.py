@@ -14,7 +14,7 @@ from moflock_mj.errors import SearchError
 from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 
 if TYPE_CHECKING:
-    from optimize.bounds import Bounds
+    from moflock_mj.bounds import Bounds
     from optimize.configuration import Configuration
 
 commands = typer.Typer()
@@ -280,7 +280,7 @@ def refuse_with_resume(given: Mapping[str, Any]) -> None:
 
 def given_bounds(path: Path | None) -> Bounds:
     """The bounds of a file, or the paper's."""
-    from optimize.bounds import load_bounds, paper_bounds  # noqa: PLC0415
+    from moflock_mj.bounds import load_bounds, paper_bounds  # noqa: PLC0415
 
     return load_bounds(path) if path else paper_bounds()
 

@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from moflock_mj.bounds import Bounds
 from moflock_mj.new_file import new_file
 from moflock_mj.points import load_point
 from moflock_mj.scenario import Scenario
 from moflock_mj.target import track_target
 from moflock_mj.terminal import INTERRUPTED, stop_on_interrupt
 from optimize.archive import RunDirectory
-from optimize.bounds import Bounds
 from optimize.configuration import Configuration, search_scenario
 from optimize.evaluation import Job
 from optimize.executor import Executor, make_executor
