@@ -46,7 +46,7 @@ def test_arducopters_take_off_hold_follow_a_velocity_and_land(vehicles, tmp_path
         for pilot in pilots:
             pilot.take_off(10.0)
         for pilot in pilots:
-            pilot.until(lambda pilot=pilot: pilot.height() > 9.5, 30.0, "climbing")
+            pilot.until(lambda pilot=pilot: pilot.height() > 9.5, 180.0, "climbing")
         for pilot in pilots:
             held = pilot.pump(5.0)
             assert max(abs(-place.z - 10.0) for place in held) < 1.0
@@ -54,7 +54,7 @@ def test_arducopters_take_off_hold_follow_a_velocity_and_land(vehicles, tmp_path
             assert moved[-1].vx == pytest.approx(3.0, abs=0.5)
             pilot.land()
         for pilot in pilots:
-            pilot.until(lambda pilot=pilot: not pilot.armed(), 60.0, "landing")
+            pilot.until(lambda pilot=pilot: not pilot.armed(), 180.0, "landing")
     finally:
         moflock.send_signal(signal.SIGINT)
         out, _ = moflock.communicate(timeout=30)
