@@ -296,7 +296,8 @@ class _Flight:
         self._record.event("info", f"{len(self._ours())} vehicles flock")
         self._flock.flocking = True
         try:
-            await _until(lambda: not self._ours(), self._plan.scenario.duration)
+            enough = self._plan.scenario.duration - 1e-9
+            await _until(lambda: not self._ours() or self._record.flocked >= enough, None)
         finally:
             self._flock.flocking = False
         if not self._ours():
