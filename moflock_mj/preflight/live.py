@@ -10,7 +10,6 @@ import collections
 import dataclasses
 import itertools
 import math
-import time
 from collections.abc import Callable, Sequence
 
 from moflock_mj.deploy.readiness import find_origin
@@ -157,12 +156,14 @@ class _Inspector:
         self._told("asking for telemetry")
         await asyncio.gather(*map(self._ask, self._vehicles, self._styles))
         self._ground.observers.append(self._count)
-        began = self._loop.time()
-        await self._until_ready(began)
+        await self._until_ready()
         origin = self._origin()
         if origin is None:
             items = self._readiness(None, Grade.FAILURE)
             return self._inspection(items, [], [None] * len(self._vehicles))
+        # A vehicle that still had no position when it was first asked sent none; that is not its link's fault.
+        self._positions.clear()
+        began = self._loop.time()
         self._told("reading parameters and fences")
         settings, changes = await self._settle(origin)
         watched = began + _WATCH - self._loop.time()
@@ -201,9 +202,9 @@ class _Inspector:
         if style == "ardupilot":
             await run_prearm_checks(vehicle)
 
-    async def _until_ready(self, began: float) -> None:
+    async def _until_ready(self) -> None:
         """Wait while anything is RUNNING, at most as long as the plan allows."""
-        asked = began
+        asked = began = self._loop.time()
         while self._loop.time() < began + self._plan.wait:
             running = [item for item in self._readiness(self._origin(), Grade.RUNNING) if item.grade is Grade.RUNNING]
             if not running:
@@ -329,4 +330,4 @@ class _Inspector:
         elif number == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
             told = self._ground.vehicles[traffic.system].message("SYSTEM_TIME")
             if told is not None and told.time_unix_usec:
-                self._clocks[traffic.system] = told.time_unix_usec / 1e6 - time.time()
+                self._clocks[traffic.system] = told.time_unix_usec / 1e6 - traffic.time

@@ -6,7 +6,7 @@ import math
 
 from controllers.airframe import Airframe
 from controllers.flocking import FlockingParams
-from controllers.tuning import GAIN_MARGIN_MIN, PHASE_MARGIN_MIN, design_gains, largest_push
+from controllers.tuning import GAIN_MARGIN_MIN, PHASE_MARGIN_MIN, TuningError, design_gains, largest_push
 from moflock_mj.airframes import load_airframe
 from moflock_mj.bounds import paper_bounds
 from moflock_mj.errors import MoflockError
@@ -209,7 +209,7 @@ def _loops(scenario: Scenario, airframe: Airframe) -> list[Item]:
             a_max=scenario.a_max,
             tilt_max=scenario.tilt_max,
         )
-    except MoflockError as problem:
+    except TuningError as problem:
         text = str(problem)
         return [
             Item(

@@ -12,6 +12,8 @@ import getpass
 import hashlib
 import hmac
 import json
+import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -128,9 +130,7 @@ def read_report(path: Path, key: SigningKey | None = None) -> Report:
         ReportError: it cannot be read, is none, was edited, or is sealed with another key.
     """
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise ReportError(f"report {path}: {path.stat().st_size} bytes; it must be at most {_LARGEST_FILE}")
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(_text_of(path))
         if not isinstance(content, dict):
             raise ReportError(f"report {path}: it must be a JSON object")
         seal, keyed = content.pop("seal", None), content.pop("sealed_with_key", None)
@@ -147,7 +147,7 @@ def read_report(path: Path, key: SigningKey | None = None) -> Report:
     if keyed is not (key is not None):
         has, needs = ("a", "none was given") if keyed else ("no", "it must be sealed with the links' key")
         raise ReportError(f"report {path}: it is sealed with {has} key: {needs}")
-    if not isinstance(seal, str) or not hmac.compare_digest(seal.encode(), _seal(content, key).encode()):
+    if not isinstance(seal, str) or not hmac.compare_digest(ascii(seal), ascii(_seal(content, key))):
         raise ReportError(f"report {path}: its seal is broken: it was edited, or sealed with another key")
     if verdict != report.verdict:
         raise ReportError(f"report {path}: verdict: {verdict!r} is not that of its items, {report.verdict}")
@@ -177,6 +177,8 @@ def refuse_unless_fit(
         ReportError: it failed, is of another point, scenario or set of vehicles, or is too old.
     """
     failed = [item for item in report.items if not item.grade.is_good]
+    if not report.items:
+        raise ReportError("report: nothing was checked")
     if failed:
         first = failed[0]
         more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
@@ -220,6 +222,17 @@ def signer() -> str:
         return getpass.getuser()
     except (OSError, KeyError):
         return "unknown"
+
+
+def _text_of(path: Path) -> str:
+    # Without O_NONBLOCK a named pipe would keep us waiting for somebody to write into it.
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ReportError(f"report {path}: it must be a regular file")
+        content = file.read(_LARGEST_FILE + 1)
+    if len(content) > _LARGEST_FILE:
+        raise ReportError(f"report {path}: it must be at most {_LARGEST_FILE} bytes")
+    return content.decode()
 
 
 def _refuse_other_scenario(report: Report, scenario: Scenario) -> None:
