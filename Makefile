@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test bench fidelity pictures paper validation format clean
+.PHONY: fly test bench fidelity pictures paper validation physics format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -31,6 +31,9 @@ paper: $(INSTALLED)  ## the paper's numbers and figures, ours beside them: docs/
 
 validation: $(INSTALLED)  ## named points on rigid bodies, and the airframe's point mass: docs/validation.md
 	$(BIN)/python -m optimize.validation_study
+
+physics: $(INSTALLED)  ## searches on rigid bodies beside the front of `make paper`: docs/physics.md
+	$(BIN)/python -m optimize.physics_study
 
 format: $(TESTABLE)  ## format the sources
 	$(BIN)/ruff check --fix .

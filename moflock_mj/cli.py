@@ -241,6 +241,73 @@ def fleet_command(
     return fleet_terminal.run_fleet(plan, find_key(key_file), duration, as_json=as_json)
 
 
+class Finish(enum.StrEnum):
+    """How a deployment ends."""
+
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
+
+
+_DEPLOY_EXAMPLE = """Example: moflock deploy knee --vehicles udp:127.0.0.1:14600-14609 --duration 60 --rehearse
+
+Vehicles are KIND:HOST:PORT or KIND:HOST:PORT-LAST, several separated by commas. udp (udpout): we speak first, to
+vehicles that listen, such as those of moflock fleet. udpin: we listen; PX4 speaks to port 14540 + i, ArduPilot to
+14550. tcp: ArduPilot's simulators at 5760, 5770...
+
+Ctrl-C (or SIGTERM) once: all hold; twice: all land; three times: they are left to their own failsafes.
+
+Watchdogs are NAME=LIMIT:ACTION, such as battery=0.3:return, with actions slow, hold, return, land. stale (s, age of a
+position), lost (s of silence), fence (m outside of the arena where it would stop), separation (m), battery (share of
+charge); keep_off (m, that the flock keeps off who has left it) has no action. Who is in a mode that nobody here has
+asked for is flown by somebody else, and never commanded again."""
+
+
+@app.command("deploy", epilog=_DEPLOY_EXAMPLE)
+def deploy_command(
+    point: Annotated[str, typer.Argument(help="knee, fast, cohesive, A, B, model_optimum, or a .json file.")],
+    vehicles: Annotated[str, typer.Option(help="Where they are, such as udp:127.0.0.1:14600-14609.")],
+    scenario: ScenarioFile = None,
+    drones: Drones = None,
+    duration: Annotated[float | None, typer.Option(help="Seconds in the flock; by default the scenario's.")] = None,
+    finish: Annotated[Finish, typer.Option(help="How it ends.")] = Finish.LAND,
+    origin: Annotated[
+        str | None,
+        typer.Option(help="LATITUDE,LONGITUDE of the arena's middle, degrees; by default the mean of the homes."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Of moflock preflight; by default the newest fitting one in logs/.")
+    ] = None,
+    rehearse: Annotated[bool, typer.Option("--rehearse", help="No report: simulated vehicles alone.")] = False,
+    watchdog: Annotated[list[str] | None, typer.Option(help="NAME=LIMIT:ACTION; may be given several times.")] = None,
+    interval: Annotated[float, typer.Option(help="Seconds between two take-offs.", min=0.0, max=60.0)] = 1.0,
+    timeout: Annotated[float, typer.Option(help="Seconds to wait for the vehicles.", min=0.0, max=600.0)] = 10.0,
+    key_file: Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")] = None,
+    log: Annotated[str | None, typer.Option(help="MCAP file, or none; by default a new file in logs/.")] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Fly real or simulated vehicles by a point that has passed its pre-flight checks."""
+    from moflock_mj.deploy.verb import deploy_vehicles  # noqa: PLC0415
+
+    flown = given_scenario(scenario, drones=drones, duration=duration)
+    return deploy_vehicles(
+        point,
+        vehicles,
+        flown,
+        count=flown.drones if scenario or drones else None,
+        finish=finish.value,
+        origin=origin,
+        report=report,
+        rehearse=rehearse,
+        watchdogs=watchdog or (),
+        interval=interval,
+        timeout=timeout,
+        key_file=key_file,
+        log=log,
+        as_json=as_json,
+    )
+
+
 def main() -> None:
     """Run the command line; errors that are the user's to mend become one line on stderr."""
     signal.signal(signal.SIGTERM, _leave)

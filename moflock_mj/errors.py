@@ -51,3 +51,7 @@ class DeploymentError(MoflockError):
 
 class ReportError(MoflockError):
     """A report of a pre-flight check cannot be read, was edited, or does not allow the deployment."""
+
+
+class CheckFailedError(MoflockError):
+    """What was to be done was checked before, and failed."""

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, kernel
-from controllers.flocking import braking_curve
+from controllers.flocking import FlockingParams, braking_curve
 from controllers.policy import Sensed, SpeedLimits, desired_velocity
 from controllers.velocity import clip_length
-from moflock_mj.arena import locate_walls
-from moflock_mj.order_parameters import Tally, Yardstick, count_sample, write_running
+from moflock_mj.arena import SquareArena, locate_walls
+from moflock_mj.order_parameters import Tally, Yardstick, cluster_range, count_sample, write_running
+from moflock_mj.scenario import Scenario
 from moflock_mj.world import World
 
 _BRAKING = 3.0
@@ -73,6 +74,16 @@ def steer(
             _keep_off(limits, mates, sensed, i, out)
         else:
             out[0, i] = out[1, i] = 0.0
+
+
+def compile_policy(params: FlockingParams, scenario: Scenario) -> None:
+    """Compile what steers and judges a flock, which takes some 20 s once on a machine, before anybody listens."""
+    arena, world = SquareArena(scenario.arena_side), World.at_rest(2)
+    limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
+    sensed = Sensed.empty(2, arena.walls)
+    steer(params, limits, arena, scenario.r_comm, Flockmates.none(2), sensed, np.zeros((2, 2)))
+    yardstick = Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll)
+    judge(world, arena, yardstick, False, Tally.empty(2, arena.walls), np.zeros(6))
 
 
 @kernel

@@ -84,11 +84,11 @@ class Controller:
         self._params = params
         self._limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
         self._ground = ground
+        self._rivals: set[str] = set()
         self._dogs = dogs
         self._recorder = recorder
         self._sensed = Sensed.empty(len(self.members), self.arena.walls)
         self._mates = Flockmates.none(len(self.members))
-        self._compile()
 
     async def run(self) -> None:
         """Tick in time until cancelled."""
@@ -110,6 +110,7 @@ class Controller:
         for member in self.members:
             self._follow(member, now)
         self._watch(now)
+        self._watch_ids()
         self._steer()
         self._command(now)
         self._recorder.sample(self)
@@ -127,10 +128,6 @@ class Controller:
         now = asyncio.get_running_loop().time()
         for member in self.members:
             self.leave(member, task, now)
-
-    def _compile(self) -> None:
-        """Call what is compiled once, before anybody flies."""
-        self._steer()
 
     def _follow(self, member: Member, now: float) -> None:
         """See how far a vehicle is, and whether it is still ours."""
@@ -174,6 +171,15 @@ class Controller:
             )
             found = alarms(look, self._dogs, self.arena.side / 2, self.scenario.tau)
             self._act(member, found, now)
+
+    def _watch_ids(self) -> None:
+        """Tell of somebody who speaks in another's name; the ground hears the first alone."""
+        for member in self.members:
+            rivals = member.vehicle.rivals - self._rivals
+            if rivals:
+                self._rivals |= rivals
+                who = ", ".join(sorted(rivals))
+                self._tell(member, "error", f"system id {member.system} is spoken for from elsewhere too: {who}")
 
     def _act(self, member: Member, found: list[Alarm], now: float) -> None:
         before = member.slowed
@@ -223,9 +229,12 @@ class Controller:
         return strange and abs(member.height - self.scenario.altitude) < _LAYER
 
     def _command(self, now: float) -> None:
-        """Send a setpoint to each vehicle that flies by them."""
+        """Send a setpoint to each vehicle that flies by them, and to one that is yet to hear that it no longer does.
+
+        An order may get lost; PX4 would take the end of the stream for a failure.
+        """
         for member in self.members:
-            if member.stage in (Stage.READY, Stage.FLOCKING):
+            if member.stage in (Stage.READY, Stage.FLOCKING) or (member.stage is Stage.LEFT and member.streams):
                 error = self.scenario.altitude - member.height
                 climb = min(max(_HEIGHT_GAIN * error, -_CLIMB_MAX), _CLIMB_MAX)
                 east, north = self.desired[:, member.number].tolist()

@@ -27,6 +27,7 @@ from moflock_mj.mavlink.piloting import Task
 from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.scenario import Scenario
+from moflock_mj.steering import compile_policy
 
 _POLL = 0.05
 _CLIMB_SLOWEST = 0.4
@@ -108,13 +109,22 @@ class Deployed:
 
 
 class Wishes:
-    """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves."""
+    """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves.
 
-    def __init__(self) -> None:
+    Args:
+        give_up: called if nobody is armed yet.
+    """
+
+    def __init__(self, give_up: Callable[[], object] = lambda: None) -> None:
+        self.in_flight = False
+        self._give_up = give_up
         self._pressed = asyncio.Event()
 
     def press(self) -> None:
-        self._pressed.set()
+        if self.in_flight:
+            self._pressed.set()
+        else:
+            self._give_up()
 
     async def next(self) -> None:
         """Wait for the next one."""
@@ -146,6 +156,7 @@ async def deploy(
     Raises:
         MoflockError: nobody was armed, because of this.
     """
+    compile_policy(plan.params, plan.scenario)
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
         plan = dataclasses.replace(plan, scenario=plan.scenario.replace(drones=len(vehicles)))
         styles = {piloting.style_of(vehicle).name for vehicle in vehicles}
@@ -170,6 +181,7 @@ async def deploy(
             ground.observers.append(record.packet)
             ground.check_ids()
             flight = _Flight(plan, flock, record, members)
+            wishes.in_flight = True
             await flight.fly(wishes)
             figures = record.figures(flock)
             record.finish(figures, flight.error)

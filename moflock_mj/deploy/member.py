@@ -5,9 +5,11 @@ from __future__ import annotations
 import enum
 
 from moflock_mj.mavlink.geodesy import Origin, Triple
-from moflock_mj.mavlink.piloting import ASK_AGAIN, Style, Task, mode_order, style_of
+from moflock_mj.mavlink.piloting import Style, Task, mode_order, style_of
 from moflock_mj.mavlink.remote import RemoteVehicle
 
+_ASK_AGAIN = 0.3
+"""s, after which an order that has not shown in HEARTBEAT is given again."""
 _COASTING = 3.0
 """s, for which a vehicle that is not heard is taken to fly on: ArduCopter's GUID_TIMEOUT."""
 
@@ -80,6 +82,11 @@ class Member:
         """Whether HEARTBEAT shows that it does what it has been told."""
         return self._confirmed
 
+    @property
+    def streams(self) -> bool:
+        """Whether it still flies by setpoints, at its height."""
+        return self.streaming_since > 0 and not self._confirmed and self.vehicle.mode == self.style.modes[Task.OBEY]
+
     def look(self) -> None:
         """Take over where it is."""
         place = self.vehicle.position(self._origin)
@@ -121,7 +128,7 @@ class Member:
             return False
         elif not self._confirmed and now >= self._again:
             self.vehicle.send(mode_order(self.vehicle, wanted))
-            self._again = now + ASK_AGAIN
+            self._again = now + _ASK_AGAIN
         return True
 
     def _afterwards(self, wanted: int) -> set[int]:

@@ -1,0 +1,183 @@
+"""What the front on physics looks like: its page and its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from controllers.flocking import FlockingParams
+from moflock_mj.figure_style import BLUE, GREEN, GREY, ORANGE
+from optimize.estimates import hypervolume
+from optimize.figures import new_figure
+from optimize.front import FlownFront
+from optimize.statistics import half_width
+from optimize.tables import markdown
+
+_FIGURE = "physics/fronts.png"
+
+
+class Fronts(NamedTuple):
+    """Fronts of several searches; all but the first on bodies, on the same fresh seeds.
+
+    Attributes:
+        found_there: on point masses, where it was found.
+        point_mass: its points on bodies.
+        plain: of each search on bodies.
+        screened: of each search on bodies that was screened on point masses.
+    """
+
+    found_there: FlownFront
+    point_mass: FlownFront
+    plain: tuple[FlownFront, ...]
+    screened: tuple[FlownFront, ...]
+
+
+class Volume(NamedTuple):
+    """A hypervolume and half the width of its 95 % confidence interval."""
+
+    mean: float
+    half_width: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.3f} +- {self.half_width:.3f}"
+
+
+def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
+    """The page, in Markdown.
+
+    Args:
+        fronts: of the study.
+        flights: of bodies, in each search.
+        screening_flights: on point masses, in each screened search.
+    """
+    scenario, seeds = fronts.screened[0].scenario, len(fronts.screened[0].seeds)
+    response = scenario.point_mass
+    calibrated = (
+        f"The point masses that screen are calibrated: tau {response.tau:.3g} s, a_max {response.a_max:.3g} m/s^2, "
+        f"delay {response.delay:.3g} s. "
+        if response
+        else ""
+    )
+    kinds = {
+        "found on point masses": (fronts.point_mass,),
+        "found on bodies": fronts.plain,
+        "found on bodies, screened": fronts.screened,
+    }
+    rows = [
+        (name, str(hypervolumes(some)), *_best(some), str(sum(len(front.remaining) for front in some)))
+        for name, some in kinds.items()
+    ]
+    head = ("front", "hypervolume on bodies", "best F_1", "best F_2", "F_1 at the knee", "F_2 at the knee", "points")
+    there = fronts.found_there
+    return (
+        "\n\n".join(
+            [
+                "# The front on physics",
+                f"Written by `make physics`: {scenario.drones} drones ({scenario.airframe}), {scenario.duration:g} s, "
+                f"{len(fronts.plain)} searches of each kind with {flights} flights of bodies each. {calibrated}"
+                f"A screened search has {screening_flights} flights on point masses besides. All points were flown "
+                f"again on bodies on {seeds} fresh seeds, the same for all. Where there are several searches of a "
+                "kind, figures are means over them.",
+                markdown(head, rows),
+                f"On point masses, where it was found, the first front has the hypervolume {there.hypervolume:.3f} "
+                f"({len(there.seeds)} seeds).",
+                "\n".join(f"- {line}" for line in _differences(fronts)),
+                "Intervals are 95 %, by the jackknife over the seeds (Tukey 1958); they hold for these searches, and "
+                "do not tell how far another search of the same kind would end from them.",
+                f"![The fronts]({_FIGURE})",
+                "## The front found on bodies, screened",
+                "Best F_1 first, of all screened searches. `moflock pick` and `moflock validate` take the searches' "
+                "directories.",
+                _points_table(fronts.screened),
+            ]
+        )
+        + "\n"
+    )
+
+
+def hypervolumes(fronts: Sequence[FlownFront]) -> Volume:
+    """Mean hypervolume of fronts on the same seeds."""
+    values = np.mean([_pseudovalues(front) for front in fronts], axis=0)
+    return Volume(float(np.mean([front.hypervolume for front in fronts])), float(half_width(values, axis=0)))
+
+
+def difference(first: Sequence[FlownFront], second: Sequence[FlownFront]) -> Volume:
+    """By how much the mean hypervolume of some fronts is above that of others on the same seeds."""
+    values = [np.mean([_pseudovalues(front) for front in fronts], axis=0) for fronts in (first, second)]
+    mean = [np.mean([front.hypervolume for front in fronts]) for fronts in (first, second)]
+    return Volume(float(mean[0] - mean[1]), float(half_width(values[0] - values[1], axis=0)))
+
+
+def _pseudovalues(front: FlownFront) -> NDArray[np.float64]:
+    """The jackknife's pseudovalues (S,) of the hypervolume: what each seed has contributed to it."""
+    values = front.values
+    count = values.shape[1]
+    without = [hypervolume(np.delete(values, seed, axis=1).mean(axis=1)) for seed in range(count)]
+    return np.asarray(count * front.hypervolume - (count - 1) * np.array(without))
+
+
+def _best(fronts: Sequence[FlownFront]) -> list[str]:
+    best = np.mean([front.mean.max(axis=0) for front in fronts], axis=0)
+    knee = np.mean([front.mean[front.knee] for front in fronts], axis=0)
+    return [f"{value:.3f}" for value in (*best, *knee)]
+
+
+def _differences(fronts: Fronts) -> list[str]:
+    pairs = {
+        "screened less unscreened": (fronts.screened, fronts.plain),
+        "screened less found on point masses": (fronts.screened, (fronts.point_mass,)),
+        "unscreened less found on point masses": (fronts.plain, (fronts.point_mass,)),
+    }
+    return [f"hypervolume, {name}: {difference(*pair)}" for name, pair in pairs.items()]
+
+
+def _points_table(fronts: Sequence[FlownFront]) -> str:
+    rows = sorted(
+        (
+            (front.mean[number], front.half_width[number], front.points[number])
+            for front in fronts
+            for number in front.remaining
+        ),
+        key=lambda row: -row[0][0],
+    )
+    words = [
+        (*(f"{m:.3f} +- {h:.3f}" for m, h in zip(mean, width, strict=True)), *(f"{value:.4g}" for value in point))
+        for mean, width, point in rows
+    ]
+    return markdown((*fronts[0].objectives.names, *FlockingParams._fields), words)
+
+
+def fronts_figure(fronts: Fronts) -> Figure:
+    """The fronts on bodies, and the first one where it was found; bars are 95 % confidence intervals."""
+    figure = new_figure(8.4, 6.4)
+    axes = figure.add_subplot()
+    there = fronts.found_there.mean[fronts.found_there.remaining]
+    axes.plot(*there.T, ".--", color=GREY, lw=1.0, ms=4, label="found on point masses, flown on these", zorder=1)
+    _draw(axes, (fronts.point_mass,), ORANGE, "s", "found on point masses, flown on bodies")
+    _draw(axes, fronts.plain, BLUE, "o", "found on bodies")
+    _draw(axes, fronts.screened, GREEN, "D", "found on bodies, screened on point masses")
+    axes.set(xlabel="F_1", ylabel="F_2")
+    seeds = len(fronts.point_mass.seeds)
+    axes.set_title(f"Mean of {seeds} fresh seeds, {fronts.point_mass.scenario.duration:g} s")
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()  # the bars of few seeds reach beyond what can be
+    axes.set(xlim=(max(left, -0.02), min(right, 1.02)), ylim=(max(low, -0.02), min(high, 1.02)))
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _draw(axes: Axes, fronts: Sequence[FlownFront], colour: str, marker: str, label: str) -> None:
+    """Each front as a line with bars, and faintly what it dominates."""
+    for number, front in enumerate(fronts):
+        kept = front.remaining
+        mean, width = front.mean[kept], front.half_width[kept]
+        style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5, "mec": "white", "zorder": 3}
+        line = ("solid", (0, (5, 2)), (0, (1, 1.2)))[number % 3]
+        axes.errorbar(*mean.T, *width.T[::-1], ls="none", elinewidth=0.7, ecolor=colour, alpha=0.5, zorder=2)
+        axes.plot(*mean.T, ls=line, lw=1.5, label=label if number == 0 else None, **style)
+        lesser = np.setdiff1d(np.arange(len(front.points)), kept)
+        axes.plot(*front.mean[lesser].T, ls="none", color=colour, marker=marker, ms=3, alpha=0.35, zorder=1)
