@@ -8,12 +8,11 @@ from pathlib import Path
 
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import CheckFailedError, ReportError
-from moflock_mj.mavlink.piloting import style_of
 from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.preflight.live import checked_vehicle
 from moflock_mj.preflight.report import (
     AGE_MAX,
-    CheckedVehicle,
     Report,
     newest_report,
     read_report,
@@ -65,7 +64,7 @@ def require_permission(
         CheckFailedError: the one that is of them says that a check failed.
         ReportError: none is of them, or recent.
     """
-    there = [checked(vehicle) for vehicle in vehicles]
+    there = [checked_vehicle(vehicle) for vehicle in vehicles]
     now = datetime.datetime.now(datetime.UTC)
     first: ReportError | None = None
     for report in reports:
@@ -78,14 +77,3 @@ def require_permission(
         else:
             return report
     raise first or ReportError("report: none")
-
-
-def checked(vehicle: RemoteVehicle) -> CheckedVehicle:
-    """A vehicle as a report names it."""
-    version = vehicle.message("AUTOPILOT_VERSION")
-    return CheckedVehicle(
-        system=vehicle.system,
-        autopilot=style_of(vehicle).name,
-        where=vehicle.where,
-        uid="" if version is None else str(version.uid),
-    )
