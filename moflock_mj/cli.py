@@ -268,8 +268,9 @@ def deploy_command(
     point: Annotated[str, typer.Argument(help="knee, fast, cohesive, A, B, model_optimum, or a .json file.")],
     vehicles: Annotated[str, typer.Option(help="Where they are, such as udp:127.0.0.1:14600-14609.")],
     scenario: ScenarioFile = None,
-    drones: Drones = None,
     duration: Annotated[float | None, typer.Option(help="Seconds in the flock; by default the scenario's.")] = None,
+    count: Annotated[int | None, typer.Option(help="Vehicles; by default one on each link.", min=1)] = None,
+    autopilot: Annotated[Autopilot | None, typer.Option(help="What all must be.")] = None,
     finish: Annotated[Finish, typer.Option(help="How it ends.")] = Finish.LAND,
     origin: Annotated[
         str | None,
@@ -289,12 +290,12 @@ def deploy_command(
     """Fly real or simulated vehicles by a point that has passed its pre-flight checks."""
     from moflock_mj.deploy.verb import deploy_vehicles  # noqa: PLC0415
 
-    flown = given_scenario(scenario, drones=drones, duration=duration)
     return deploy_vehicles(
         point,
         vehicles,
-        flown,
-        count=flown.drones if scenario or drones else None,
+        given_scenario(scenario, duration=duration),
+        count=count,
+        autopilot=autopilot.value if autopilot else None,
         finish=finish.value,
         origin=origin,
         report=report,

@@ -17,7 +17,7 @@ from moflock_mj.deploy.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
 from moflock_mj.deploy.readiness import check_start, find_origin, prepare, require_simulated
 from moflock_mj.deploy.record import Figures, Record
 from moflock_mj.deploy.watchdogs import Watchdogs
-from moflock_mj.errors import OrderError
+from moflock_mj.errors import DeploymentError, OrderError
 from moflock_mj.events import FlightEvent
 from moflock_mj.mavlink import piloting
 from moflock_mj.mavlink.connections import Connection
@@ -59,6 +59,7 @@ class DeployPlan:
         scenario: what is flown; its drones are as many as there are vehicles.
         connections: where the vehicles are.
         count: how many they are; None: one on each link.
+        autopilot: what all must be, "ardupilot" or "px4"; None: either.
         finish: how it ends.
         origin: latitude and longitude of the arena's middle, degrees; None: the mean of the vehicles' homes.
         dogs: watchdogs over each vehicle.
@@ -73,6 +74,7 @@ class DeployPlan:
     scenario: Scenario
     connections: tuple[Connection, ...]
     count: int | None = None
+    autopilot: str | None = None
     finish: Finish = Finish.LAND
     origin: tuple[float, float] | None = None
     dogs: Watchdogs = dataclasses.field(default_factory=Watchdogs)
@@ -159,7 +161,7 @@ async def deploy(
     compile_policy(plan.params, plan.scenario)
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
         plan = dataclasses.replace(plan, scenario=plan.scenario.replace(drones=len(vehicles)))
-        styles = {piloting.style_of(vehicle).name for vehicle in vehicles}
+        styles = _styles(vehicles, plan.autopilot)
         await prepare(vehicles)
         if plan.rehearse:
             await require_simulated(vehicles)
@@ -195,6 +197,19 @@ async def deploy(
             interrupted=flight.interrupted,
             counts=vars(ground.counts()),
         )
+
+
+def _styles(vehicles: list[RemoteVehicle], wanted: str | None) -> set[str]:
+    """The autopilots' names.
+
+    Raises:
+        MoflockError: one is not what it must be.
+    """
+    styles = {vehicle: piloting.style_of(vehicle).name for vehicle in vehicles}
+    for vehicle, style in styles.items():
+        if wanted not in (None, style):
+            raise DeploymentError(f"{vehicle}: autopilot is {style}; it must be {wanted}")
+    return set(styles.values())
 
 
 class _Flight:
@@ -246,7 +261,7 @@ class _Flight:
         try:
             for member in self._members:
                 climbing.append(asyncio.create_task(self._lift(member)))
-                await asyncio.wait(climbing, timeout=self._plan.interval, return_when=asyncio.FIRST_EXCEPTION)
+                await asyncio.sleep(self._plan.interval)
                 for task in climbing:
                     if task.done():
                         task.result()
@@ -281,7 +296,8 @@ class _Flight:
         self._record.event("info", f"{len(self._ours())} vehicles flock")
         self._flock.flocking = True
         try:
-            await _until(lambda: not self._ours(), self._plan.scenario.duration)
+            enough = self._plan.scenario.duration - 1e-9
+            await _until(lambda: not self._ours() or self._record.flocked >= enough, None)
         finally:
             self._flock.flocking = False
         if not self._ours():

@@ -5,7 +5,7 @@ from __future__ import annotations
 LATE = 0.15
 """s, by which a tick may be late."""
 PATIENCE = 1.0
-"""s of late ticks, or one tick that is as late as this, after which the controller is not well."""
+"""s of late ticks more than of others, or one tick that is as late as this, after which the controller is not well."""
 RECOVERY = 3.0
 """s of ticks in time, after which it is again."""
 
@@ -30,9 +30,10 @@ class Health:
         gap = self._period if self._before is None else now - self._before
         self._before = now
         if late > LATE:
-            self._late, self._in_time = self._late + gap, 0.0
+            self._late, self._in_time = min(self._late + gap, 2 * PATIENCE), 0.0
         else:
-            self._late, self._in_time = 0.0, self._in_time + gap
+            # After a late tick others follow at once, which are in time: they make good for their own time alone.
+            self._late, self._in_time = max(self._late - gap, 0.0), self._in_time + gap
         if self.well and (self._late > PATIENCE or late > PATIENCE):
             self.well = False
             self._told.append(("error", f"the controller is {late:.2f} s late: no heartbeats until it is well"))

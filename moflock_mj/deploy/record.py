@@ -68,6 +68,9 @@ class Record:
         metadata: what else the log says of itself.
         say: told each event.
 
+    Attributes:
+        flocked: s, in which the policy has flown.
+
     Raises:
         LogError: the log cannot be written.
     """
@@ -95,7 +98,7 @@ class Record:
         self._tally = Tally.empty(drones, self._arena.walls)
         self._running = np.zeros(6)
         self._flocking_since: float | None = None
-        self._flocked = 0.0
+        self.flocked = 0.0
         self._over = False
         self._slot = -1
         self._rows: list[tuple[NDArray[Any], ...]] = []
@@ -129,7 +132,7 @@ class Record:
         if flock.flocking and self._flocking_since is None:
             self._flocking_since = now
         if self._flocking_since is not None and not self._over:
-            self._flocked = now - self._flocking_since
+            self.flocked = now - self._flocking_since
             self._over = not flock.flocking
         slot = math.floor(now / self._scenario.sample_period + 1e-6)
         if slot <= self._slot:
@@ -146,7 +149,7 @@ class Record:
         """Of the flight so far."""
         phi = OrderParameters(*self._running.tolist())
         return Figures(
-            flocked=self._flocked,
+            flocked=self.flocked,
             order_parameters=phi,
             fitness=fitness_of(phi, self._scenario),
             separation_min=self._nearest,
@@ -160,7 +163,7 @@ class Record:
         if self._log is None:
             return
         result = {
-            "flown": repr(min(self._flocked, self._scenario.duration)),
+            "flown": repr(min(self.flocked, self._scenario.duration)),
             "order_parameters": json.dumps(figures.order_parameters._asdict()),
             "fitness": json.dumps(figures.fitness._asdict()),
             "latency": json.dumps(figures.latency._asdict() if figures.latency else {}),
@@ -175,7 +178,7 @@ class Record:
     ) -> None:
         if self._log is not None:
             self._write()
-            self._log.finish({"flown": repr(self._flocked), "error": str(error) or "the flight was broken off"})
+            self._log.finish({"flown": repr(self.flocked), "error": str(error) or "the flight was broken off"})
 
     def _look(self, flock: Controller) -> tuple[NDArray[Any], ...]:
         """A row of the log: qpos, qvel, commands, status, order parameters."""
@@ -189,7 +192,7 @@ class Record:
             if attitude is not None:
                 qpos[i, 3:] = quaternion_of_euler(attitude.roll, -attitude.pitch, math.pi / 2 - attitude.yaw)
                 qvel[i, 3:] = frd_of_flu((attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed))
-        counts = flock.flocking and self._flocked >= self._scenario.warm_up
+        counts = flock.flocking and self.flocked >= self._scenario.warm_up
         nearest = judge(self._world, self._arena, self._yardstick, counts, self._tally, self._running)
         if counts:
             self._nearest = min(self._nearest, nearest)

@@ -24,6 +24,9 @@ from moflock_mj.terminal import INTERRUPTED, figures_table
 FAILED = 1
 """Exit status: a check failed, or the flight did."""
 
+_SWITCH = 0.0005
+"""s, after which a thread lets another one go on."""
+
 
 def run_deployment(plan: DeployPlan, key: SigningKey | None, check: Check | None, *, as_json: bool) -> int:
     """Deploy a flock; returns the exit status.
@@ -37,6 +40,8 @@ def run_deployment(plan: DeployPlan, key: SigningKey | None, check: Check | None
         if not as_json:
             console.print(f"{event.time_ns / 1e9:7.1f} s  {_mark(event)}{event.message}", markup=False)
 
+    # The log's thread must not keep a setpoint waiting.
+    sys.setswitchinterval(_SWITCH)
     try:
         deployed = asyncio.run(_deploy(plan, key, check, say))
     except CheckFailedError as problem:

@@ -55,6 +55,7 @@ def rehearse(
     parameters=None,
     story=None,
     fleet=None,
+    wanted=None,
     **plan,
 ):
     """Deploy a point against a fleet; returns the deployment (or what it raised), the truth, and the fleet.
@@ -67,6 +68,7 @@ def rehearse(
         parameters: set on each vehicle beforehand.
         story: a coroutine function of (wishes, fleet, plan) that runs beside it.
         fleet: of the fleet's plan.
+        wanted: autopilot that the deployment asks for.
         plan: of the deployment's plan.
     """
     flown = fleet_of(
@@ -86,7 +88,7 @@ def rehearse(
         wishes = Wishes()
         task = DeployPlan(
             params=load_point(point), scenario=scenario, connections=connections_to(flown), rehearse=True,
-            **{"interval": 0.5, **plan},
+            **{"interval": 0.5, "autopilot": wanted, **plan},
         )  # fmt: skip
         async with flying(flown, watch):
             beside = asyncio.create_task(story(wishes, flown)) if story else None

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import shutil
 
+import numpy as np
 import pytest
+from mcap.reader import make_reader
 
+from moflock_mj import fly, load_point
 from moflock_mj.deploy.member import Stage
+from moflock_mj.deploy.watchdogs import Watchdogs
+from moflock_mj.errors import LogError
 from moflock_mj.log_reader import read_log
+from moflock_mj.log_schemas import Packet
 from moflock_mj.mavlink import ardupilot, px4
+from moflock_mj.mavlink.dialect import mavlink
+from moflock_mj.recover import recover
 from moflock_mj.scenario import Scenario
+from moflock_mj.verify import resume, verify
 from tests.moflock_mj.deploy.rehearsal import rehearse
 
 SMALL = Scenario(
@@ -98,8 +109,6 @@ def test_a_battery_is_low():
 
 
 def test_a_watchdogs_action_can_be_another():
-    from moflock_mj.deploy.watchdogs import Watchdogs
-
     dogs = Watchdogs.from_texts(["battery=0.5:hold"])
     deployed, _, fleet = broken("drone=3,kind=low_battery,value=0.4", dogs=dogs)
     assert "40 % of its charge left: hold" in told(deployed, 3)
@@ -124,11 +133,68 @@ def test_a_pilot_takes_over_and_is_never_fought(autopilot):
     assert deployed.error is None
 
 
-def test_the_whole_fleet_is_gone(tmp_path):
-    """The deployment ends by itself, and its log is whole."""
-    path = tmp_path / "gone.mcap"
-    deployed, _, _ = broken("drone=all,kind=silent", log=path)
+def test_nobody_hears_anybody_any_more(tmp_path):
+    """As when the deployment's process is killed: the vehicles' own failsafes bring all down.
+
+    As when the fleet's is: the deployment ends by itself, its log is whole, and what was on the disk in the middle of
+    the flight can be recovered.
+    """
+    path, cut = tmp_path / "gone.mcap", tmp_path / "cut.mcap"
+
+    async def cut_off(*_):
+        await asyncio.sleep(AT - 5)
+        shutil.copy(tmp_path / "gone.mcap.part", cut)
+
+    deployed, truth, _ = broken("drone=all,kind=silent", log=path, story=cut_off)
+    assert not truth.armed[-1].any()
     assert deployed.error
     logged = read_log(path)
     assert not logged.complete
     assert logged.samples.t[-1] > deployed.figures.flocked
+    recovery = recover(cut)
+    assert recovery.kept > 5
+    assert read_log(recovery.log).scenario == logged.scenario
+
+
+def test_the_log_is_read_like_that_of_a_simulated_flight(tmp_path):
+    path = tmp_path / "deployed.mcap"
+    deployed, _, _ = broken("", log=path)
+    logged = read_log(path)
+    assert logged.complete
+    assert logged.flown == SMALL.duration
+    assert logged.order_parameters == deployed.figures.order_parameters
+    assert logged.flock_name == "4 vehicles over MAVLink"
+    assert [event.message for event in logged.events] == [event.message for event in deployed.events]
+    flown = logged.samples.position[logged.samples.t > 10][0]
+    assert flown[:, 2] == pytest.approx(SMALL.altitude, abs=1.0)
+    assert abs(logged.samples.desired_velocity).max() > 1.0
+    assert json.loads(logged.result["latency"])["setpoints"] == deployed.figures.latency.setpoints
+    packets = packets_of(path)
+    assert {name for name, sent in packets if sent} >= {"HEARTBEAT", "SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG"}
+    assert {name for name, sent in packets if not sent} >= {"HEARTBEAT", "GLOBAL_POSITION_INT", "ATTITUDE"}
+    setpoints = packets.count(("SET_POSITION_TARGET_LOCAL_NED", True))
+    assert setpoints >= deployed.figures.latency.setpoints
+    for act in (verify, lambda flight: resume(flight, 1.0)):
+        with pytest.raises(LogError, match="is of vehicles over MAVLink; it must be of a simulated flight"):
+            act(logged)
+
+
+def packets_of(path):
+    """Name and direction of each logged packet of MAVLink."""
+    decoder = mavlink.MAVLink(None)
+    with path.open("rb") as stream:
+        messages = [
+            Packet.FromString(message.data)
+            for _, channel, message in make_reader(stream).iter_messages()
+            if channel.topic == "/mavlink"
+        ]
+    return [(decoder.decode(bytearray(told.packet)).get_type(), told.sent) for told in messages]
+
+
+def test_order_parameters_are_within_the_spread_of_simulated_flights():
+    scenario = Scenario(drones=6, arena_side=160.0, duration=40.0, warm_up=12.0, altitude=5.0, t_del=0.0)
+    flights = [fly(load_point("knee"), scenario=scenario, seed=seed, keep_samples=False) for seed in range(1, 9)]
+    flown = np.array([flight.order_parameters for flight in flights])
+    deployed, _, _ = rehearse(scenario, autopilot="px4", fleet={"spacing": 12.0})
+    off = np.abs(np.array(deployed.figures.order_parameters) - flown.mean(axis=0))
+    assert (off <= 3 * flown.std(axis=0) + 1e-3).all(), (deployed.figures.order_parameters, flown)
