@@ -114,9 +114,7 @@ def checked_vehicle(vehicle: RemoteVehicle) -> CheckedVehicle:
     """Who a vehicle is, for a report."""
     version = vehicle.message("AUTOPILOT_VERSION")
     uid = "" if version is None else (bytes(version.uid2).hex() if any(version.uid2) else f"{version.uid:x}")
-    return CheckedVehicle(
-        system=vehicle.system, autopilot=style_of(vehicle).name, where=vehicle.where, uid=uid.rstrip("0")
-    )
+    return CheckedVehicle(system=vehicle.system, autopilot=style_of(vehicle).name, where=vehicle.where, uid=uid)
 
 
 async def inspect(plan: LivePlan, key: SigningKey | None, told: Told = lambda _: None) -> Inspection:

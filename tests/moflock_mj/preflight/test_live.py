@@ -53,7 +53,7 @@ def test_nothing_changes_until_it_is_asked_for_and_then_all_is_well(autopilot):
     fleet = fleet_of(autopilot, vehicles=2)
     before = copy.deepcopy(parameters_of(fleet))
     seen = look(fleet)
-    assert {grade for grade in wrong(seen).values()} == {Grade.FAILURE, Grade.WARNING}
+    assert set(wrong(seen).values()) == {Grade.FAILURE, Grade.WARNING}
     assert seen.changes == ()
     assert parameters_of(fleet) == before
     assert not any(station.vehicle.shapes for station in fleet.stations)
@@ -160,7 +160,7 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
         await asyncio.sleep(5.0)
         fleet.stations[1].vehicle.arm(force=False)
 
-    with pytest.raises(OrderError, match="vehicle 2 .* is armed or flies: nothing was changed"):
+    with pytest.raises(OrderError, match=r"vehicle 2 .* is armed or flies: nothing was changed"):
         look(fleet, fix=True, first=arm, wait=1.0)
     assert fleet.stations[0].vehicle.parameters["NAV_DLL_ACT"] == 0
 

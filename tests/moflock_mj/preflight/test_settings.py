@@ -25,7 +25,10 @@ def good_values(autopilot):
     return {wanted.names[0]: wanted.value for wanted in wanted_parameters(autopilot, NEEDS)}
 
 
-def graded(autopilot, changes=None, shapes=(square(120.0),)):
+ARENA = (square(120.0),)
+
+
+def graded(autopilot, changes=None, shapes=ARENA):
     values = {name: value for name, value in (good_values(autopilot) | (changes or {})).items() if value is not None}
     found = Settings(values=values, shapes=shapes, capacity=None)
     return {item.name: item for item in settings_items(VEHICLE, autopilot, NEEDS, found, SCENARIO)}
