@@ -10,7 +10,7 @@ from moflock_mj.errors import RenderError
 from moflock_mj.flight import AnyFlight, Samples
 from moflock_mj.points import named_point, point_names
 
-_DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses"}
+_DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses", "deployed": "deployed"}
 
 
 def kept_samples(flight: AnyFlight) -> Samples:
@@ -39,11 +39,10 @@ def flight_names(flights: Sequence[AnyFlight]) -> list[str]:
 def conditions(flight: AnyFlight) -> str:
     """What was flown, for how long, from which seed."""
     scenario, flown = flight.scenario, kept_samples(flight).t[-1]
-    what = f"{scenario.airframe} rigid bodies" if flight.dynamics == "rigid_body" else "point masses"
     lasting = f"{flown:g} s" if flown >= scenario.duration - 1e-6 else f"{flown:g} of {scenario.duration:g} s"
     place = getattr(flight.params, "target_x", None), getattr(flight.params, "target_y", None)
     target = "" if place[0] is None else f", target at ({place[0]:g}, {place[1]:g}) m"
-    return f"{scenario.drones} {what}, {scenario.arena_side:g} m arena{target}, {lasting}, seed {flight.seed}"
+    return f"{flight.flock_name}, {scenario.arena_side:g} m arena{target}, {lasting}, seed {flight.seed}"
 
 
 def figures(flight: AnyFlight) -> str:

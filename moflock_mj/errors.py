@@ -39,3 +39,19 @@ class LinkError(MoflockError):
 
 class FleetError(MoflockError):
     """A fleet of simulated vehicles cannot be set up: its size, its faults or its speed."""
+
+
+class OrderError(MoflockError):
+    """A vehicle does not do what it was asked for, or does not answer."""
+
+
+class DeploymentError(MoflockError):
+    """A deployment cannot begin: its vehicles, its report, its point or its place."""
+
+
+class ReportError(MoflockError):
+    """A report of a pre-flight check cannot be read, was edited, or does not allow the deployment."""
+
+
+class CheckFailedError(MoflockError):
+    """What was to be done was checked before, and failed."""

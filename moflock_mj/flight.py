@@ -109,9 +109,10 @@ class AnyFlight:
     Attributes:
         params: the policy's parameters.
         scenario: what was flown.
-        dynamics: "rigid_body" or "point_mass".
+        dynamics: "rigid_body" or "point_mass", or "deployed" for vehicles over MAVLink.
         seed: of all random numbers.
-        flown: s, simulated; less than the scenario's duration if the flight was stopped.
+        flown: s, simulated, or of a deployed flight in the flock; less than the scenario's duration if the flight
+            was stopped.
         order_parameters: over the flight.
         fitness: of them.
         samples: the flight; None if they were not kept.
@@ -129,6 +130,12 @@ class AnyFlight:
     samples: Samples | None
     events: tuple[FlightEvent, ...]
     log: Path | None
+
+    @property
+    def flock_name(self) -> str:
+        """What flew, and how many."""
+        kinds = {"rigid_body": f"{self.scenario.airframe} rigid bodies", "point_mass": "point masses"}
+        return f"{self.scenario.drones} {kinds.get(self.dynamics, 'vehicles over MAVLink')}"
 
     @property
     def complete(self) -> bool:

@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.flocking import FlockingParams
 from moflock_mj.airframes import flock_spec, load_airframe
 from moflock_mj.errors import LogError
 from moflock_mj.events import FlightEvent
@@ -34,7 +35,7 @@ _STATE_PERIOD = 10.0
 _MOST_DRAWN = 200
 """Drones up to which the attached model shows rotors and arms; composing these takes the square of their number."""
 
-_SEVERITY = np.array(
+SEVERITY = np.array(
     [3 if flags & TOUCHED else 2 if flags & CLOSE else 1 if flags & OUTSIDE else 0 for flags in range(8)], np.uint8
 )
 """The log's status of each combination of flags: the worst of them."""
@@ -63,7 +64,7 @@ class FlightLogger:
             path,
             LogHeader(
                 metadata=metadata,
-                attachments=_attachments(flock, metadata),
+                attachments=flight_attachments(flock.scenario, flock.params, flock.step, metadata),
                 outline=flock.arena.outline(),
                 altitude=flock.scenario.altitude,
                 drones=flock.scenario.drones,
@@ -128,7 +129,7 @@ def sample_block(time_ns: NDArray[np.int64], record: Record, scenario: Scenario)
         qpos=record.qpos,
         qvel=record.qvel,
         desired_velocity=record.desired.swapaxes(1, 2),
-        status=_SEVERITY[record.status],
+        status=SEVERITY[record.status],
         order_parameters=record.order_parameters,
         fitness=np.stack(fitness, axis=1),
     )
@@ -142,8 +143,15 @@ def run_metadata(flock: Flock) -> dict[str, str]:
         "dynamics": flock.dynamics,
         "seed": str(flock.seed),
         "step": repr(flock.step),
+        **circumstances(),
+    }
+
+
+def circumstances() -> dict[str, str]:
+    """Versions, machine and time: what may explain a difference between two flights."""
+    return {
         "moflock_version": version("moflock-mj"),
-        "commit": _commit(),
+        "commit": source_commit(),
         "mujoco_version": version("mujoco"),
         "numpy_version": version("numpy"),
         "numba_version": version("numba"),
@@ -154,21 +162,23 @@ def run_metadata(flock: Flock) -> dict[str, str]:
     }
 
 
-def _attachments(flock: Flock, metadata: Mapping[str, str]) -> tuple[Attachment, ...]:
-    scenario = flock.scenario
-    model = flock_spec(scenario.airframe, scenario.drones, flock.step, visuals=scenario.drones <= _MOST_DRAWN)
+def flight_attachments(
+    scenario: Scenario, params: FlockingParams, step: float, metadata: Mapping[str, str]
+) -> tuple[Attachment, ...]:
+    """The files inside a log: model, scenario, parameters, a copy of the metadata, layouts for viewers."""
+    model = flock_spec(scenario.airframe, scenario.drones, step, visuals=scenario.drones <= _MOST_DRAWN)
     model.compile()
     return (
         Attachment("flock.xml", "application/xml", model.to_xml().encode()),
         Attachment("scenario.toml", "application/toml", scenario.to_toml().encode()),
-        Attachment("parameters.json", "application/json", dump_point(flock.params).encode()),
+        Attachment("parameters.json", "application/json", dump_point(params).encode()),
         Attachment(RUN_COPY, "application/json", json.dumps({"log_version": str(LOG_VERSION), **metadata}).encode()),
         Attachment(LAYOUT_NAME, "application/json", viewer_layout(scenario.arena_side)),
         Attachment(BLUEPRINT_NAME, "application/gzip", BLUEPRINT_FILE.read_bytes()),
     )
 
 
-def _commit() -> str:
+def source_commit() -> str:
     """The commit of the source, or nothing for an installed package."""
     root = Path(__file__).resolve().parent.parent
     if not (root / ".git").exists():

@@ -21,6 +21,7 @@ from moflock_mj.log_schemas import (
     RESULT_METADATA,
     RUN_METADATA,
     STATUS_RGBA,
+    Packet,
     SimState,
     frame_name,
     metrics_record,
@@ -95,6 +96,22 @@ class FlightState(NamedTuple):
     state: bytes
 
 
+class LinkPacket(NamedTuple):
+    """A packet of MAVLink as it went over a link, at a time in ns.
+
+    Attributes:
+        time_ns: when.
+        system: the vehicle's id; 0: all on the link.
+        sent: whether it went to the vehicle.
+        packet: its bytes.
+    """
+
+    time_ns: int
+    system: int
+    sent: bool
+    packet: bytes
+
+
 class Encoder:
     """Turns blocks, events and states into the messages of an MCAP stream."""
 
@@ -140,6 +157,11 @@ class Encoder:
         """Write a state to resume from."""
         message = SimState(version=LOG_VERSION, state=state.state)
         self._file.add_message(self._channels["/sim/state"], state.time_ns, message.SerializeToString())
+
+    def packet(self, packet: LinkPacket) -> None:
+        """Write a packet of MAVLink."""
+        message = Packet(system=packet.system, sent=packet.sent, packet=packet.packet)
+        self._file.add_message(self._channels["/mavlink"], packet.time_ns, message.SerializeToString())
 
     def finish(self, result: Mapping[str, str] | None) -> None:
         """Write the result and the index, all of which is with the operating system afterwards."""

@@ -53,7 +53,7 @@ from moflock_mj.log_schemas import (
 )
 from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
 from moflock_mj.points import check_point, with_target
-from moflock_mj.scenario import DEFAULT_STEP, Scenario
+from moflock_mj.scenario import DEFAULT_STEP, DEPLOYED, Scenario
 
 _FLAGS = np.array([0, OUTSIDE, CLOSE, TOUCHED], np.uint8)
 """The status that each colour of STATUS_RGBA stands for."""
@@ -157,7 +157,7 @@ def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, FlockingParams, st
         field = "seed"
         seed = int(metadata[field])
         field = "dynamics"
-        if (dynamics := metadata[field]) not in DEFAULT_STEP:
+        if (dynamics := metadata[field]) not in (*DEFAULT_STEP, DEPLOYED):
             raise ValueError
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
         raise DamageError(f"{field}: {printable(metadata.get(field, 'missing'))!r} is no {field} of a flight") from None
@@ -244,7 +244,11 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
         raise DamageError(_NO_FLIGHT)
     run, result = content.metadata[RUN_METADATA], content.metadata.get(RESULT_METADATA, {})
     scenario, params, dynamics, seed = run_facts(run)
-    times, clouds, metrics = _ticks(content.channels, scenario)
+    deployed = dynamics == DEPLOYED
+    # The time of a deployed flight counts from before its take-off; its duration is that in the flock.
+    latest = _LATEST_NS if deployed else round(scenario.duration * 1e9)
+    times, clouds, metrics = _ticks(content.channels, scenario, latest)
+    end = float(times[-1]) / 1e9
     values = metrics["values"]["value"].T.copy()
     points = clouds["points"]
     position = points["qpos"][..., :3].astype(np.float64)
@@ -253,7 +257,7 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
         scenario=scenario,
         dynamics=dynamics,
         seed=seed,
-        flown=_time_told(result.get("flown", ""), times[-1] / 1e9, scenario.duration, times[-1] / 1e9),
+        flown=_time_told(result.get("flown", ""), 0.0 if deployed else end, scenario.duration, end),
         order_parameters=OrderParameters(*values[:6, -1].tolist()),
         fitness=Fitness(*values[6:, -1].tolist()),
         samples=Samples(
@@ -280,15 +284,15 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
 
 
 def _ticks(
-    channels: Mapping[str, _Channel], scenario: Scenario
+    channels: Mapping[str, _Channel], scenario: Scenario, latest: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any], npt.NDArray[Any]]:
     """The times in ns, points and metrics of all ticks that have both; a log may end between the two."""
     points, metrics = channels["/swarm/points"], channels["/metrics"]
     clouds = _rows("/swarm/points", points.data, points_record(scenario.drones), scenario.drones)
     figures = _rows("/metrics", metrics.data, metrics_record(), scenario.drones)
     times, with_points, with_metrics = np.intersect1d(
-        _sample_times("/swarm/points", points, scenario),
-        _sample_times("/metrics", metrics, scenario),
+        _sample_times("/swarm/points", points, scenario.sample_period, latest),
+        _sample_times("/metrics", metrics, scenario.sample_period, latest),
         assume_unique=True,
         return_indices=True,
     )
@@ -297,8 +301,8 @@ def _ticks(
     return times, clouds[with_points], figures[with_metrics]
 
 
-def _sample_times(topic: str, channel: _Channel, scenario: Scenario) -> npt.NDArray[np.int64]:
-    """The times of a topic's messages, ns.
+def _sample_times(topic: str, channel: _Channel, period: float, latest: int) -> npt.NDArray[np.int64]:
+    """The times of a topic's messages, ns; samples come every `period` s, none after `latest`, ns.
 
     Raises:
         DamageError: they are not those of a flight's samples, one after the other.
@@ -306,9 +310,8 @@ def _sample_times(topic: str, channel: _Channel, scenario: Scenario) -> npt.NDAr
     if max(channel.time_ns, default=0) > _LATEST_NS:
         raise DamageError(f"{topic}: the time {max(channel.time_ns)} ns is out of bounds: at most {_LATEST_NS} ns")
     times = np.array(channel.time_ns, np.int64)
-    period, duration = round(scenario.sample_period * 1e9), round(scenario.duration * 1e9)
-    if (np.diff(times) <= 0).any() or (times % period).any() or times.max(initial=0) > duration:
-        raise DamageError(f"{topic}: its times are not those of samples every {scenario.sample_period:g} s")
+    if (np.diff(times) <= 0).any() or (times % round(period * 1e9)).any() or times.max(initial=0) > latest:
+        raise DamageError(f"{topic}: its times are not those of samples every {period:g} s")
     return times
 
 

@@ -62,14 +62,16 @@ _MORE_FOLLOW = np.array([0x80, 0x80, 0x80, 0x80, 0])
 _TIMESTAMP_TAGS = (0x08, 0x10)  # of the varints `seconds` and `nanos`
 
 
-def _own_messages() -> tuple[Any, Any]:
-    """The classes of `moflock.Metrics` and `moflock.SimState`, in a pool of their own."""
+def _own_messages() -> tuple[Any, Any, Any]:
+    """The classes of `moflock.Metrics`, `moflock.SimState` and `moflock.Packet`, in a pool of their own."""
     file = FileDescriptorProto(name="moflock/log.proto", package="moflock", syntax="proto3")
     kinds = FieldDescriptorProto
     doubles = [(name, kinds.TYPE_DOUBLE) for name in (*ORDER_PARAMETER_FIELDS, *FITNESS_FIELDS)]
     messages = {
         "Metrics": [*doubles, ("tick", kinds.TYPE_UINT64), ("state_digest", kinds.TYPE_BYTES)],
         "SimState": [("version", kinds.TYPE_UINT32), ("state", kinds.TYPE_BYTES)],
+        # MAVLink as it went over a link: the vehicle's system id (0: all on the link), whether it went to it.
+        "Packet": [("system", kinds.TYPE_UINT32), ("sent", kinds.TYPE_BOOL), ("packet", kinds.TYPE_BYTES)],
     }
     for message, fields in messages.items():
         descriptor = file.message_type.add(name=message)
@@ -77,13 +79,13 @@ def _own_messages() -> tuple[Any, Any]:
             descriptor.field.add(name=name, number=number, type=kind, label=kinds.LABEL_OPTIONAL)
     pool = DescriptorPool()
     pool.Add(file)
-    metrics, state = (GetMessageClass(pool.FindMessageTypeByName(f"moflock.{name}")) for name in messages)
-    return metrics, state
+    metrics, state, packet = (GetMessageClass(pool.FindMessageTypeByName(f"moflock.{name}")) for name in messages)
+    return metrics, state, packet
 
 
-Metrics, SimState = _own_messages()
+Metrics, SimState, Packet = _own_messages()
 
-# In the order of their channel ids, 1 to 7, which is the same in every log.
+# In the order of their channel ids, 1 to 8, which is the same in every log.
 CHANNELS: dict[str, Any] = {
     "/swarm/points": PointCloud,
     "/tf": FrameTransforms,
@@ -92,6 +94,7 @@ CHANNELS: dict[str, Any] = {
     "/scene": SceneUpdate,
     "/sim/state": SimState,
     "/arena": PointCloud,
+    "/mavlink": Packet,
 }
 
 

@@ -19,10 +19,18 @@ from typing import IO, Any, NamedTuple, Self
 
 from moflock_mj.errors import LogError
 from moflock_mj.events import FlightEvent
-from moflock_mj.log_encoder import Attachment, Encoder, FlightState, LogHeader, SampleBlock, check_shapes
+from moflock_mj.log_encoder import (
+    Attachment,
+    Encoder,
+    FlightState,
+    LinkPacket,
+    LogHeader,
+    SampleBlock,
+    check_shapes,
+)
 from moflock_mj.new_file import make_room
 
-__all__ = ["Attachment", "FlightEvent", "FlightLog", "LogHeader", "SampleBlock"]
+__all__ = ["Attachment", "FlightEvent", "FlightLog", "LinkPacket", "LogHeader", "SampleBlock"]
 
 
 class FlightLog:
@@ -94,6 +102,10 @@ class FlightLog:
             state: MuJoCo's integration state and all else that the flight carries from step to step.
         """
         self._put(FlightState(time_ns, state))
+
+    def packet(self, packet: LinkPacket) -> None:
+        """Record a packet of MAVLink."""
+        self._put(packet)
 
     def finish(self, result: Mapping[str, str] | None = None) -> None:
         """Write the result and the index, and give the file its name; later calls do nothing.
@@ -172,6 +184,8 @@ class FlightLog:
                 self._encoder.event(item)
             case FlightState():
                 self._encoder.state(item)
+            case LinkPacket():
+                self._encoder.packet(item)
             case _Finish():
                 self._encoder.finish(item.result)
                 self._part.replace(self.path)

@@ -12,6 +12,7 @@ from moflock_mj.log_reader import LoggedFlight
 from moflock_mj.log_records import printable
 from moflock_mj.log_schemas import RESUMED_FROM
 from moflock_mj.recover import Recovery
+from moflock_mj.scenario import DEPLOYED
 from moflock_mj.terminal import figures_table
 from moflock_mj.verify import Difference, Verification
 
@@ -22,7 +23,7 @@ def print_logged_flight(flight: LoggedFlight, *, as_json: bool) -> None:
         print(json.dumps(logged_flight_summary(flight), indent=1))
         return
     console = Console()
-    _say(console, f"{_what_flew(flight)}, {flight.flown:g} s, seed {flight.seed}")
+    _say(console, f"{flight.flock_name}, {flight.flown:g} s, seed {flight.seed}")
     console.print(figures_table(flight))
     for line in _closing_lines(flight):
         _say(console, line)
@@ -123,12 +124,6 @@ def recovery_summary(recovery: Recovery) -> dict[str, Any]:
     }
 
 
-def _what_flew(flight: LoggedFlight) -> str:
-    scenario = flight.scenario
-    what = f"{scenario.airframe} rigid bodies" if flight.dynamics == "rigid_body" else "point masses"
-    return f"{scenario.drones} {what}"
-
-
 def _closing_lines(flight: LoggedFlight) -> list[str]:
     told = {name: printable(text) for name, text in flight.metadata.items()}
     lines = [
@@ -139,6 +134,8 @@ def _closing_lines(flight: LoggedFlight) -> list[str]:
     if levels:
         counts = ", ".join(f"{count} {level}" for level, count in sorted(levels.items()))
         lines.append(f"events: {counts}")
+    if flight.dynamics == DEPLOYED and "latency" in flight.result:
+        lines.append(f"setpoints: {printable(flight.result['latency'])}")
     if flight.start:
         lines.append(f"resumed at {flight.start:g} s from {told.get(RESUMED_FROM, 'another log')}")
     if flight.missing:

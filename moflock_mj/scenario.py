@@ -21,6 +21,9 @@ from moflock_mj.verdict import VerdictLimits
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
 """Integration step of each dynamics where the scenario names none, in s."""
 
+DEPLOYED = "deployed"
+"""In place of the dynamics where vehicles flew over MAVLink: nobody can fly that again."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scenario:

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
@@ -19,8 +19,9 @@ from rich.table import Table
 from rich.text import Text
 
 from moflock_mj.fitness import Fitness
-from moflock_mj.flight import AnyFlight, Flight
+from moflock_mj.flight import Flight
 from moflock_mj.flight import Progress as Told
+from moflock_mj.order_parameters import OrderParameters
 from moflock_mj.points import point_names
 
 INTERRUPTED = 130
@@ -130,16 +131,24 @@ def flight_summary(flight: Flight) -> dict[str, Any]:
 
 
 def _head_line(flight: Flight) -> str:
-    scenario = flight.scenario
-    what = f"{scenario.airframe} rigid bodies" if flight.body else "point masses"
     rate = flight.flown / flight.wall_seconds
     return (
-        f"{scenario.drones} {what}, {flight.flown:g} s in {flight.wall_seconds:.1f} s ({rate:.0f}x real time), "
+        f"{flight.flock_name}, {flight.flown:g} s in {flight.wall_seconds:.1f} s ({rate:.0f}x real time), "
         f"seed {flight.seed}"
     )
 
 
-def figures_table(flight: AnyFlight) -> Table:
+class Judged(Protocol):
+    """What has order parameters and fitness."""
+
+    @property
+    def order_parameters(self) -> OrderParameters: ...
+
+    @property
+    def fitness(self) -> Fitness: ...
+
+
+def figures_table(flight: Judged) -> Table:
     """A flight's order parameters and fitness."""
     table = Table("order parameter", "value", "", "fitness", "value")
     for column in (1, 4):

@@ -22,7 +22,7 @@ from moflock_mj.log_reader import LoggedFlight
 from moflock_mj.log_schemas import RESUMED_AT, RESUMED_FROM, state_digests
 from moflock_mj.loop import Record
 from moflock_mj.points import check_point
-from moflock_mj.scenario import Scenario
+from moflock_mj.scenario import DEPLOYED, Scenario
 
 _CHUNK = 10.0
 """Simulated seconds that are flown between two comparisons."""
@@ -105,6 +105,7 @@ def verify(logged: LoggedFlight, progress: Progress | None = None) -> Verificati
         MoflockError: the flight cannot be flown here.
     """
     began = time.perf_counter()
+    _refuse_deployed(logged, "verify")
     flock = _flock_at_start(logged)
     start, changes = flock.time, _changes(logged, flock)
     difference, last = None, float(logged.samples.t[-1])
@@ -158,6 +159,7 @@ def resume(
         LogError: the log has no state to fly on from.
         MoflockError: what was asked for cannot be flown.
     """
+    _refuse_deployed(logged, "resume")
     if log is not None and Path(log).resolve() == logged.log.resolve():
         raise LogError(f"log: {log}: is the log that the flight is resumed from; it must be another file")
     state_time = _state_before(logged, at)
@@ -172,6 +174,16 @@ def resume(
         raise LogError(f"log: {logged.log}: the flight ends at {flock.time:g} s; flying on needs a duration")
     origin = {RESUMED_FROM: logged.log.name, RESUMED_AT: repr(state_time)}
     return fly_on(flock, log=log, origin=origin, keep_samples=keep_samples, progress=progress, stop=stop)
+
+
+def _refuse_deployed(logged: LoggedFlight, what: str) -> None:
+    """Refuse a flight that was no simulation.
+
+    Raises:
+        LogError: it was none.
+    """
+    if logged.dynamics == DEPLOYED:
+        raise LogError(f"{what}: {logged.log} is of vehicles over MAVLink; it must be of a simulated flight")
 
 
 def _flock_at_start(logged: LoggedFlight) -> Flock:

@@ -14,7 +14,7 @@ from moflock_mj.errors import SearchError
 from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 
 if TYPE_CHECKING:
-    from optimize.bounds import Bounds
+    from moflock_mj.bounds import Bounds
     from optimize.configuration import Configuration
 
 commands = typer.Typer()
@@ -52,6 +52,10 @@ RunPath = Annotated[Path, typer.Argument(help="A search's directory.", metavar="
 
 CORES = os.cpu_count() or 1
 _FRONT_SEEDS = 100
+FrontSeeds = Annotated[
+    int | None,
+    typer.Option(help=f"Fly the front again if it has flown fewer fresh seeds; {_FRONT_SEEDS} if it has none.", min=2),
+]
 
 
 @commands.command("pca", epilog="Example: moflock pca --drones 10 --out logs/objectives.json")
@@ -166,7 +170,7 @@ def pick_command(
     weights: Annotated[str | None, typer.Option(help="Of the objectives, such as 1,2: best weighted sum.")] = None,
     min_f1: Annotated[float | None, typer.Option(help="Best second objective with at least this first one.")] = None,
     knee: Annotated[bool, typer.Option("--knee", help="The knee of the front, which is the default.")] = False,
-    seeds: Annotated[int, typer.Option(help="Fresh seeds, if the front has not been flown yet.")] = _FRONT_SEEDS,
+    seeds: FrontSeeds = None,
     workers: Workers = CORES,
     out: Annotated[Path | None, typer.Option(help="Point as .json; stdout if absent.")] = None,
     as_json: AsJson = False,
@@ -193,7 +197,7 @@ def pick_command(
 def report_command(
     run: RunPath,
     compare: Annotated[list[Path] | None, typer.Option(help="Another run of the same scenario; may repeat.")] = None,
-    seeds: Annotated[int, typer.Option(help="Fresh seeds on which the front is flown.")] = _FRONT_SEEDS,
+    seeds: FrontSeeds = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Folder; RUN/report if absent.")] = None,
@@ -276,7 +280,7 @@ def refuse_with_resume(given: Mapping[str, Any]) -> None:
 
 def given_bounds(path: Path | None) -> Bounds:
     """The bounds of a file, or the paper's."""
-    from optimize.bounds import load_bounds, paper_bounds  # noqa: PLC0415
+    from moflock_mj.bounds import load_bounds, paper_bounds  # noqa: PLC0415
 
     return load_bounds(path) if path else paper_bounds()
 

@@ -8,10 +8,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from moflock_mj.bounds import Bounds, bounds_of, paper_bounds
 from moflock_mj.errors import ScenarioError, SearchError
 from moflock_mj.quantities import check_fields, check_keys, quantity
 from moflock_mj.scenario import Scenario
-from optimize.bounds import Bounds, bounds_of, paper_bounds
 from optimize.evaluation import Job
 from optimize.objectives import PAPER, Objectives
 

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
+from moflock_mj.bounds import Bounds
 from moflock_mj.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, STYLE
 from moflock_mj.new_file import new_file
-from optimize.bounds import Bounds
 from optimize.front import FlownFront
 from optimize.pca import PrincipalComponents
 from optimize.reference import PAPER_RESULTS

@@ -76,8 +76,16 @@ class Findings:
     extremes: tuple[Flight, Flight]
 
 
-def flown_front(run: RunDirectory, executor: Executor, seeds: int = SEEDS, told: Told | None = None) -> FlownFront:
+def flown_front(
+    run: RunDirectory, executor: Executor, seeds: int | None = None, told: Told | None = None
+) -> FlownFront:
     """A run's front on fresh seeds: read from its directory, or flown and written there.
+
+    Args:
+        run: a search that is over.
+        executor: flies in the run's scenario.
+        seeds: the front is flown again if it has flown fewer; None: as many as it has, or SEEDS.
+        told: of progress.
 
     Raises:
         SearchError: the run has no evaluations, or its front cannot be read.
@@ -85,7 +93,7 @@ def flown_front(run: RunDirectory, executor: Executor, seeds: int = SEEDS, told:
     path = run.path / FRONT
     if path.exists():
         front = load_front(path)
-        if len(front.seeds) >= seeds:
+        if seeds is None or len(front.seeds) >= seeds:
             return front
     evaluations = run.evaluations()
     configuration = run.configuration
@@ -97,7 +105,7 @@ def flown_front(run: RunDirectory, executor: Executor, seeds: int = SEEDS, told:
         objectives=configuration.objectives,
         scenario=configuration.scenario,
         dynamics=settings.dynamics,
-        seeds=fresh_seeds(seeds, used),
+        seeds=fresh_seeds(SEEDS if seeds is None else seeds, used),
         origin={"algorithm": settings.algorithm, "search_seed": settings.seed, "search_flights": settings.budget},
         told=told,
     )
@@ -110,7 +118,7 @@ def gather(
     executor: Executor,
     *,
     compared: Collection[RunDirectory] = (),
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     told: Told | None = None,
 ) -> Findings:
     """Gather what a report shows; flies what was not flown yet.
@@ -119,7 +127,7 @@ def gather(
         run: a search that is over.
         executor: flies in the run's scenario.
         compared: other runs in the same scenario; the best point of each single-objective one becomes a landmark.
-        seeds: fresh seeds for each point.
+        seeds: fresh seeds for each point, as in `flown_front`.
         told: of progress.
 
     Raises:

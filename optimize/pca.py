@@ -17,9 +17,9 @@ from scipy.stats import qmc
 from sklearn.decomposition import PCA
 from sklearn.preprocessing import StandardScaler
 
+from moflock_mj.bounds import Bounds
 from moflock_mj.errors import SearchError
 from moflock_mj.scenario import Scenario
-from optimize.bounds import Bounds
 from optimize.executor import Executor
 from optimize.fly_points import Told, fly_points
 from optimize.objectives import FITNESS_NAMES, Objectives

@@ -16,13 +16,15 @@ Predicting the output from a complex computer code when fast approximations are 
 
 from __future__ import annotations
 
+import functools
+from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 MOST = 800
 """Points that are taken into a regression, those that flew most and latest; its time grows with their cube."""
@@ -118,8 +120,7 @@ class Regression:
         """What is believed of the mean objectives (n, K) of the points that flew: their own means if not `noisy`."""
         mean = self._flights.mean
         if self.noisy:
-            taken = self._processes.taken
-            mean[taken] = self._processes.mean(self._flights.points[taken])
+            mean[self._processes.taken] = self._processes.own_mean
         return mean
 
     def belief(self) -> Belief:
@@ -181,6 +182,7 @@ class _Processes:
     Attributes:
         taken: (m,), the numbers of the points that were taken.
         lengths: (K, D), distances over which each objective changes along each coordinate, in widths of the range.
+        own_mean: (m, K), what is believed of the means of the points that were taken.
     """
 
     def __init__(
@@ -195,15 +197,15 @@ class _Processes:
         spread = np.ptp(flights.points[self.taken], axis=0)
         self._width = np.where(spread > 0, spread, 1.0)
         self._points = flights.points[self.taken] / self._width
-        values = flights.mean[self.taken]
+        values = means = flights.mean[self.taken]
         noise = np.maximum(variance[self.taken], _LEAST_VARIANCE) / flights.number[self.taken, None]
         self._cheaper, self._slope = cheaper, np.zeros(values.shape[1])
         if cheaper is not None:
             guess = cheaper.foresee(flights.points[self.taken]).mean
             self._slope = _slope(values, noise, guess)
-            values = values - self._slope * guess
+            values = means - self._slope * guess
         # One thread: more would wait for the workers' processors, and sum in an order that depends on their number.
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             if lengths is None:
                 few = np.linspace(0, len(values) - 1, min(_FEW, len(values))).astype(int)
                 rows = [
@@ -213,11 +215,13 @@ class _Processes:
                 lengths = np.array(rows)
             self.lengths = lengths
             self._fits = [_fit(self._points, *row) for row in zip(values.T, noise.T, lengths, strict=True)]
+        # What `mean` says at these points, without their kernel K: (K + diag noise) weights = values - prior.
+        self.own_mean = np.clip(means - noise * np.stack([fit.weights for fit in self._fits], axis=1), 0.0, 1.0)
 
     def mean(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, K), at points (m, D), within [0, 1]."""
         scaled = points / self._width
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             columns = [fit.prior + _kernel(scaled, self._points, fit) @ fit.weights for fit in self._fits]
         mean = np.stack(columns, axis=1)
         if self._cheaper is not None:
@@ -227,7 +231,7 @@ class _Processes:
     def deviation(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, K), at points (m, D)."""
         scaled, columns = points / self._width, []
-        with threadpool_limits(1, user_api="blas"):
+        with _one_thread():
             for fit in self._fits:
                 kernel = _kernel(scaled, self._points, fit)
                 explained = np.einsum("ij,ji->i", kernel, cho_solve(fit.factor, kernel.T))
@@ -346,11 +350,33 @@ def _matern(
     a: NDArray[np.float64], b: NDArray[np.float64], signal: float, lengths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Matern's covariance of smoothness 5/2 (equation 4.17) of points (n, D) and (m, D): (n, m)."""
-    r = np.sqrt(5 * _squared_distances(a / lengths, b / lengths))
-    return np.asarray(signal * (1 + r + r**2 / 3) * np.exp(-r))
+    r = _squared_distances(a / lengths, b / lengths)
+    r *= 5
+    np.sqrt(r, out=r)
+    polynomial = r / 3
+    polynomial += 1
+    polynomial *= r
+    polynomial += 1
+    polynomial *= signal
+    np.exp(np.negative(r, out=r), out=r)
+    r *= polynomial
+    return r
 
 
 def _squared_distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Between points (n, D) and points (m, D): (n, m)."""
-    squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)
-    return np.asarray(np.maximum(squares - 2 * a @ b.T, 0.0))
+    squares = (-2 * a) @ b.T
+    squares += (a**2).sum(axis=1)[:, None]
+    squares += (b**2).sum(axis=1)
+    return np.maximum(squares, 0.0, out=squares)
+
+
+@functools.cache
+def _controller() -> ThreadpoolController:
+    """Finding the libraries that a process has loaded takes longer than a small regression."""
+    return ThreadpoolController()
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    limit: AbstractContextManager[object] = _controller().limit(limits=1, user_api="blas")
+    return limit

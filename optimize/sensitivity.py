@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
+from moflock_mj.bounds import Bounds
 from moflock_mj.errors import SearchError
 from moflock_mj.flock import Flock
 from moflock_mj.scenario import Scenario
-from optimize.bounds import Bounds
 from optimize.configuration import search_scenario
 from optimize.evaluation import Job
 from optimize.executor import Executor, make_executor

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from controllers.flocking import FlockingParams
+from moflock_mj.bounds import Bounds
 from moflock_mj.errors import SearchError
 from moflock_mj.new_file import new_file
 from moflock_mj.points import load_point
 from moflock_mj.scenario import Scenario
-from optimize.bounds import Bounds
 from optimize.configuration import search_scenario
 from optimize.evaluation import Job
 from optimize.executor import make_executor

@@ -12,13 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from moflock_mj.bounds import Bounds
 from moflock_mj.new_file import new_file
 from moflock_mj.points import load_point
 from moflock_mj.scenario import Scenario
 from moflock_mj.target import track_target
 from moflock_mj.terminal import INTERRUPTED, stop_on_interrupt
 from optimize.archive import RunDirectory
-from optimize.bounds import Bounds
 from optimize.configuration import Configuration, search_scenario
 from optimize.evaluation import Job
 from optimize.executor import Executor, make_executor
@@ -155,7 +155,7 @@ def pick(
     *,
     weights: Sequence[float] | None,
     min_f1: float | None,
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     workers: int,
     out: Path | None,
     as_json: bool,
@@ -184,7 +184,7 @@ def report(
     run: Path,
     *,
     compared: Sequence[Path] = (),
-    seeds: int = SEEDS,
+    seeds: int | None = None,
     workers: int,
     scheduler: str | None,
     out: Path | None,
@@ -248,7 +248,7 @@ def target(
     return 0
 
 
-def _front_of(run: Path, seeds: int, workers: int) -> FlownFront:
+def _front_of(run: Path, seeds: int | None, workers: int) -> FlownFront:
     with contextlib.ExitStack() as resources:
         directory = resources.enter_context(RunDirectory.open(run))
         executor = resources.enter_context(make_executor(directory.configuration.job, workers))

@@ -9,7 +9,7 @@ from typing import Any
 
 import pymavlink.dialects.v20.ardupilotmega as mavlink
 
-__all__ = ["AUTOPILOT_COMPONENT", "GROUND_COMPONENT", "GROUND_SYSTEM", "Message", "mavlink"]
+__all__ = ["AUTOPILOT_COMPONENT", "GROUND_COMPONENT", "GROUND_SYSTEM", "SIMULATED", "Message", "mavlink"]
 
 Message = Any
 """A `pymavlink` message; its library has no types."""
@@ -18,3 +18,6 @@ AUTOPILOT_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 GROUND_COMPONENT = mavlink.MAV_COMP_ID_MISSIONPLANNER
 GROUND_SYSTEM = 255
 """What a ground station calls itself; ArduPilot listens to no other for its ground-station failsafe."""
+
+SIMULATED = tuple(b"moflock\0")
+"""Our simulated vehicles' `middleware_custom_version` in AUTOPILOT_VERSION, where real ones have a commit."""

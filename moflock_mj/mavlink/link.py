@@ -20,7 +20,7 @@ Address = tuple[str, int]
 """Host and port."""
 
 PEERS_MAX = 16
-"""Peers that an endpoint answers; a further one takes the place of the one that was silent longest."""
+"""Peers that a vehicle's endpoint answers; a further one takes the place of the one that was silent longest."""
 
 _MARKER = 0xFD
 _HEADER = 10
@@ -102,6 +102,7 @@ class Endpoint(asyncio.DatagramProtocol):
         component: own component id.
         key: links are signed with it, and what is unsigned is dropped; None: links are not signed.
         clock: of the signatures; one for all endpoints of the process.
+        peers_max: peers that it knows; a further one takes the place of the one that was silent longest.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class Endpoint(asyncio.DatagramProtocol):
         component: int = AUTOPILOT_COMPONENT,
         key: SigningKey | None = None,
         clock: SigningClock | None = None,
+        peers_max: int = PEERS_MAX,
     ) -> None:
         self.system = system
         self.component = component
@@ -119,6 +121,7 @@ class Endpoint(asyncio.DatagramProtocol):
         self.peers: dict[Address, Peer] = {}
         """By address, the one that was silent longest first."""
         self._receive = receive
+        self._peers_max = peers_max
         self._key = key
         self._clock = clock or SigningClock()
         self._decoder = _Decoder(SignatureCheck(key, self._clock) if key else None)
@@ -163,7 +166,7 @@ class Endpoint(asyncio.DatagramProtocol):
                 packer.signing.secret_key = self._key.secret
                 packer.signing.sign_outgoing = True
             peer = Peer(address, packer)
-            if len(self.peers) >= PEERS_MAX:
+            if len(self.peers) >= self._peers_max:
                 del self.peers[next(iter(self.peers))]
         self.peers[address] = peer
         return peer
@@ -192,7 +195,7 @@ class Endpoint(asyncio.DatagramProtocol):
         address = (addr[0], addr[1])
         offset, end = 0, len(data)
         while offset < end:
-            length = _packet_length(data, offset)
+            length = frame_length(data, offset)
             if not length:
                 self.counts.malformed += 1
                 return
@@ -237,8 +240,8 @@ class Endpoint(asyncio.DatagramProtocol):
         return system in (0, self.system) and component in (0, self.component)
 
 
-def _packet_length(data: bytes, offset: int) -> int:
-    """Bytes of the packet that begins there; 0 if none does."""
+def frame_length(data: bytes | bytearray, offset: int) -> int:
+    """Bytes of the packet that begins there; 0 if none does, or not the whole of one."""
     if len(data) - offset < _HEADER + _CHECKSUM or data[offset] != _MARKER or data[offset + 2] & ~_SIGNED:
         return 0
     length = _HEADER + data[offset + 1] + _CHECKSUM + (_SIGNATURE if data[offset + 2] & _SIGNED else 0)

@@ -31,6 +31,26 @@ class Parameter:
     value: float
 
 
+def carried_value(carried: float, kind: int, *, bytewise: bool) -> float:
+    """The value that a PARAM message's float field carries.
+
+    Args:
+        carried: the field.
+        kind: MAV_PARAM_TYPE.
+        bytewise: whether integers travel as the bytes of the float.
+    """
+    if bytewise and kind != REAL32:
+        return float(struct.unpack("<i", struct.pack("<f", carried))[0])
+    return carried
+
+
+def value_carried(value: float, kind: int, *, bytewise: bool) -> float:
+    """The float field of a PARAM message for a value; arguments as those of `carried_value`."""
+    if bytewise and kind != REAL32:
+        return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
+    return value
+
+
 class ParameterTable:
     """Parameters in the order of their index.
 
@@ -77,12 +97,9 @@ class ParameterTable:
         known = self._table.get(name)
         if known is None:
             return False
-        value = carried
-        if self._bytewise:
-            if kind != known.kind:
-                return False
-            if kind != REAL32:
-                value = struct.unpack("<i", struct.pack("<f", carried))[0]
+        if self._bytewise and kind != known.kind:
+            return False
+        value = carried_value(carried, known.kind, bytewise=self._bytewise)
         if not math.isfinite(value):
             return False
         self.set_value(name, value)
@@ -91,9 +108,7 @@ class ParameterTable:
     def message(self, name: str) -> mavlink.MAVLink_param_value_message:
         """The PARAM_VALUE of a parameter."""
         parameter = self._table[name]
-        carried = parameter.value
-        if self._bytewise and parameter.kind != REAL32:
-            carried = struct.unpack("<f", struct.pack("<i", int(parameter.value)))[0]
+        carried = value_carried(parameter.value, parameter.kind, bytewise=self._bytewise)
         return mavlink.MAVLink_param_value_message(
             name.encode(), carried, parameter.kind, len(self._names), self._indices[name]
         )

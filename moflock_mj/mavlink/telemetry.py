@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from moflock_mj.mavlink.dialect import Message, mavlink
+from moflock_mj.mavlink.dialect import SIMULATED, Message, mavlink
 from moflock_mj.mavlink.geodesy import euler_of_quaternion, frd_of_flu, ned_of_world, quaternion_of_euler
 from moflock_mj.mavlink.vehicle import Phase, Vehicle
 
@@ -271,8 +271,9 @@ class Telemetry:
         version = (1 << 24 | 17 << 16) if self._vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4 else (4 << 24 | 7 << 16)
         unset: Any = [0] * 8
         return mavlink.MAVLink_autopilot_version_message(
-            self._vehicle.capabilities, version, version, 0, 0, unset, unset, unset, 0, 0, self._vehicle.system
-        )
+            self._vehicle.capabilities, version, version, 0, 0, unset, list(SIMULATED), unset, 0, 0,
+            self._vehicle.system,
+        )  # fmt: skip
 
     def _home_position(self) -> Message | None:
         home = self._vehicle.home

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from moflock_mj.bounds import paper_bounds
 from moflock_mj.scenario import Scenario
-from optimize.bounds import paper_bounds
 from optimize.configuration import Configuration, Settings
 from optimize.evaluation import Evaluation, infeasible
 

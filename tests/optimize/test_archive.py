@@ -9,10 +9,10 @@ import textwrap
 import numpy as np
 import pytest
 
+from moflock_mj.bounds import bounds_of
 from moflock_mj.errors import SearchError
 from moflock_mj.points import paper_point
 from optimize.archive import RunDirectory
-from optimize.bounds import bounds_of
 from optimize.configuration import Configuration, Settings
 from optimize.evaluation import Evaluation, Job, Task, infeasible
 from tests.optimize.fakes import small_configuration

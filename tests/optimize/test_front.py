@@ -11,8 +11,8 @@ import pytest
 
 from controllers.flocking import FlockingParams
 from moflock_mj import Scenario, air, load_point
+from moflock_mj.bounds import paper_bounds
 from moflock_mj.errors import SearchError
-from optimize.bounds import paper_bounds
 from optimize.estimates import hypervolume, non_dominated
 from optimize.evaluation import Evaluation
 from optimize.fly_points import fly_points, fresh_seeds

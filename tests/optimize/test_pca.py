@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario
+from moflock_mj.bounds import paper_bounds
 from moflock_mj.errors import SearchError
-from optimize.bounds import paper_bounds
 from optimize.objectives import FITNESS_NAMES, Objectives
 from optimize.pca import (
     agreement,

@@ -184,3 +184,12 @@ def test_a_cheaper_model_that_knows_nothing_changes_nothing():
     plain, other = Regression(flights).foresee(at), Regression(flights, None, empty).foresee(at)
     assert plain.mean.tobytes() == other.mean.tobytes()
     assert plain.deviation.tobytes() == other.deviation.tobytes()
+
+
+@pytest.mark.parametrize("helped", [False, True])
+def test_points_that_flew_are_believed_to_be_what_is_foreseen_of_them(helped):
+    rng = np.random.default_rng(6)
+    flights = noisy([2] * 40)
+    cheap = Regression(flown(flights.points, 0.5 * truth_at(flights.points), [20] * 40, rng)) if helped else None
+    found = Regression(flights, None, cheap)
+    np.testing.assert_allclose(found.mean(), found.foresee(flights.points).mean, atol=1e-12)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from controllers.flocking import FlockingParams
+from moflock_mj.bounds import paper_bounds
 from moflock_mj.points import paper_point
-from optimize.bounds import paper_bounds
 from optimize.evaluation import Evaluation
 from optimize.sensitivity import one_at_a_time, sobol_indices
 from tests.optimize.test_commands import refused, run

@@ -1,0 +1,1 @@
+"""From a validated point to vehicles in the air: `moflock deploy`."""

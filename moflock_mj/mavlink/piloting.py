@@ -1,0 +1,212 @@
+"""Flying a vehicle from the ground, the same for ArduCopter and PX4: take off, obey velocities, hold, return, land.
+
+What a vehicle does is believed by its HEARTBEAT and its position, never by its acknowledgements: PX4 accepts OFFBOARD
+without a stream, and ArduCopter a take-off that a setpoint then cancels.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import enum
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from moflock_mj.errors import OrderError
+from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
+from moflock_mj.mavlink.geodesy import Triple, ned_of_world
+from moflock_mj.mavlink.orders import command, command_long
+from moflock_mj.mavlink.remote import RemoteVehicle, mode_name
+
+ASK_AGAIN = 1.0
+"""s, after which an order that has not shown in HEARTBEAT is given again."""
+STREAM_FIRST = 1.0
+"""s of setpoints that PX4 wants to have seen before OFFBOARD."""
+_POLL = 0.05
+_VELOCITY_ONLY = 0xDC7
+"""Type mask of SET_POSITION_TARGET_LOCAL_NED: everything but the velocity is ignored."""
+_NAN = math.nan
+
+
+class Task(enum.StrEnum):
+    """What a vehicle in the air can be told to do."""
+
+    OBEY = "obey"
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
+
+
+class Style(NamedTuple):
+    """What is particular to an autopilot.
+
+    Attributes:
+        name: as our command line has it.
+        modes: custom_mode of each task. ArduCopter holds in BRAKE: LOITER without a remote control descends.
+        taking_off: custom_modes that HEARTBEAT may show between arming and the end of a take-off.
+        streams_first: whether setpoints must come before the mode that obeys them, and not during the take-off.
+    """
+
+    name: str
+    modes: Mapping[Task, int]
+    taking_off: tuple[int, ...]
+    streams_first: bool
+
+
+def _px4(main: int, sub: int = 0) -> int:
+    return main << 16 | sub << 24
+
+
+STYLES: Mapping[int, Style] = {
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: Style(
+        "ardupilot", {Task.OBEY: 4, Task.HOLD: 17, Task.RETURN: 6, Task.LAND: 9}, (4,), False
+    ),
+    mavlink.MAV_AUTOPILOT_PX4: Style(
+        "px4",
+        {Task.OBEY: _px4(6), Task.HOLD: _px4(4, 3), Task.RETURN: _px4(4, 5), Task.LAND: _px4(4, 6)},
+        (_px4(4, 2), _px4(4, 3)),
+        True,
+    ),
+}
+"""By MAV_AUTOPILOT."""
+
+
+def style_of(vehicle: RemoteVehicle) -> Style:
+    """The style of a vehicle's autopilot.
+
+    Raises:
+        OrderError: it is one that we cannot fly.
+    """
+    style = STYLES.get(vehicle.autopilot)
+    if style is None:
+        raise OrderError(f"{vehicle}: autopilot {vehicle.autopilot} is unknown: it must be ArduPilot (3) or PX4 (12)")
+    kind = vehicle.latest["HEARTBEAT"].message.type
+    if kind == mavlink.MAV_TYPE_FIXED_WING:
+        raise OrderError(f"{vehicle}: is a fixed wing: it must be a multicopter")
+    return style
+
+
+def mode_order(vehicle: RemoteVehicle, mode: int) -> Message:
+    """The command that asks for a custom_mode."""
+    custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    if vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4:
+        # PX4 takes main and sub mode apart.
+        return command_long(vehicle.system, mavlink.MAV_CMD_DO_SET_MODE, custom, mode >> 16 & 255, mode >> 24 & 255)
+    return command_long(vehicle.system, mavlink.MAV_CMD_DO_SET_MODE, custom, mode)
+
+
+def velocity_setpoint(system: int, velocity: Triple, milliseconds: int = 0) -> Message:
+    """A setpoint of a velocity, m/s, world; the heading stays.
+
+    Args:
+        system: whom it is for.
+        velocity: east, north, up.
+        milliseconds: time stamp, since the sender's start.
+    """
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        milliseconds % 2**32, system, AUTOPILOT_COMPONENT, mavlink.MAV_FRAME_LOCAL_NED, _VELOCITY_ONLY,
+        0, 0, 0, *ned_of_world(velocity), 0, 0, 0, 0, 0,
+    )  # fmt: skip
+
+
+async def set_mode(vehicle: RemoteVehicle, mode: int, *, timeout: float = 5.0) -> None:
+    """Ask for a custom_mode until HEARTBEAT shows it.
+
+    Raises:
+        OrderError: it does not, in time.
+    """
+    if not await _until(vehicle, mode_order(vehicle, mode), lambda: vehicle.mode == mode, timeout):
+        wanted = mode_name(vehicle.autopilot, mode)
+        raise OrderError(f"{vehicle}: stays in {vehicle.mode_name}, asked for {wanted}{_said(vehicle)}")
+
+
+async def arm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
+    """Arm, never by force.
+
+    Raises:
+        OrderError: it does not arm; with what it says.
+    """
+    order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    if not await _until(vehicle, order, lambda: vehicle.armed, timeout):
+        raise OrderError(f"{vehicle}: does not arm{_said(vehicle)}")
+
+
+async def disarm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
+    """Disarm on the ground; in the air an autopilot refuses.
+
+    Raises:
+        OrderError: it does not disarm.
+    """
+    order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    if not await _until(vehicle, order, lambda: not vehicle.armed, timeout):
+        raise OrderError(f"{vehicle}: does not disarm{_said(vehicle)}")
+
+
+async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10.0) -> None:
+    """Arm and leave the ground; returns as soon as it climbs, long before it is at its height.
+
+    ArduCopter must not get a velocity setpoint before it is there: it would stop.
+
+    Args:
+        vehicle: stands on the ground.
+        height: m, above its home.
+        timeout: s, for each part of it.
+
+    Raises:
+        OrderError: it does not.
+    """
+    if style_of(vehicle).name == "ardupilot":
+        await set_mode(vehicle, STYLES[vehicle.autopilot].modes[Task.OBEY], timeout=timeout)
+        await arm(vehicle, timeout=timeout)
+        params: tuple[float, ...] = (0, 0, 0, 0, 0, 0, height)
+    else:
+        await arm(vehicle, timeout=timeout)
+        # PX4 counts above mean sea level; NaN: where it is, as it points.
+        place = vehicle.fix
+        if place is None:
+            raise OrderError(f"{vehicle}: does not say where it is")
+        params = (_NAN, 0, 0, _NAN, _NAN, _NAN, place.altitude - place.height + height)
+    order = command_long(vehicle.system, mavlink.MAV_CMD_NAV_TAKEOFF, *params)
+
+    def climbs() -> bool:
+        return vehicle.landed is False or (vehicle.fix is not None and vehicle.fix.height > 0.5)
+
+    if not await _until(vehicle, order, climbs, timeout):
+        raise OrderError(f"{vehicle}: does not take off{_said(vehicle)}")
+
+
+async def begin(vehicle: RemoteVehicle, task: Task, *, timeout: float = 5.0) -> None:
+    """Let a vehicle in the air hold, return, land, or obey setpoints.
+
+    Before Task.OBEY somebody must stream setpoints to it already, for STREAM_FIRST, and go on.
+
+    Raises:
+        OrderError: HEARTBEAT does not show it.
+    """
+    await set_mode(vehicle, style_of(vehicle).modes[task], timeout=timeout)
+
+
+async def run_prearm_checks(vehicle: RemoteVehicle) -> int | None:
+    """Ask ArduPilot to tell why it would not arm, in status texts; returns the MAV_RESULT."""
+    return await command(vehicle, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+
+
+async def _until(vehicle: RemoteVehicle, order: Message, done: Callable[[], bool], timeout: float) -> bool:
+    """Give an order, and give it again, until it shows; returns whether it does."""
+    loop = asyncio.get_running_loop()
+    deadline, again = loop.time() + timeout, loop.time()
+    while not done():
+        now = loop.time()
+        if now >= deadline:
+            return False
+        if now >= again:
+            vehicle.send(order)
+            again = now + ASK_AGAIN
+        await asyncio.sleep(_POLL)
+    return True
+
+
+def _said(vehicle: RemoteVehicle) -> str:
+    """The last words of a vehicle, as they may tell why."""
+    words = [told.text for told in vehicle.texts if told.severity <= mavlink.MAV_SEVERITY_WARNING][-2:]
+    return f": it says {'; '.join(words)}" if words else ""

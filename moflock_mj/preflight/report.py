@@ -1,0 +1,251 @@
+"""The signed-off report of a pre-flight check: a JSON file with every value, which a deployment asks for.
+
+A digest over the whole content is its seal, so that an edited report is refused. With a key, that of the links, the
+seal proves that somebody wrote it who has the key; without one it guards against mistakes alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import getpass
+import hashlib
+import hmac
+import json
+import os
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from controllers.flocking import FlockingParams
+from moflock_mj.errors import MoflockError, PointError, ReportError
+from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.new_file import new_file
+from moflock_mj.points import check_point
+from moflock_mj.preflight.grades import Grade, Item
+from moflock_mj.scenario import Scenario
+
+AGE_MAX = 3600.0
+"""s, after which a report is too old for a deployment: batteries, wind and satellites are not what they were."""
+_LARGEST_FILE = 16 << 20
+"""Bytes; 250 vehicles with 40 items each take some 2 MB."""
+_CLOCKS_APART = 60.0
+"""s by which a report may come from the future: another machine may have written it."""
+_PREFIX = "preflight-"
+
+
+class CheckedVehicle(BaseModel):
+    """A vehicle that was checked.
+
+    Attributes:
+        system: its system id.
+        autopilot: "ardupilot" or "px4".
+        where: its address.
+        uid: what its AUTOPILOT_VERSION calls its hardware, or empty.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    system: Annotated[int, Field(ge=1, le=255)]
+    autopilot: str
+    where: str
+    uid: str = ""
+
+
+class Report(BaseModel):
+    """What was checked and found.
+
+    Attributes:
+        time: when it ended, UTC.
+        signed_off_by: who answers for it.
+        version: of moflock-mj.
+        commit: of its source, or empty.
+        point: the 12 parameters by name.
+        point_name: what the point was called.
+        scenario: whole, as `Scenario.to_dict` has it.
+        seeds: of the flights that were flown.
+        vehicles: by system id; empty for a report without the live part.
+        items: all checks.
+        changes: what was changed on vehicles, one line each.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    time: AwareDatetime
+    signed_off_by: Annotated[str, Field(min_length=1, max_length=200)]
+    version: str
+    commit: str
+    point: dict[str, float]
+    point_name: str
+    scenario: dict[str, object]
+    seeds: tuple[int, ...]
+    vehicles: tuple[CheckedVehicle, ...]
+    items: tuple[Item, ...]
+    changes: tuple[str, ...] = ()
+
+    @field_validator("point")
+    @classmethod
+    def _is_a_point(cls, point: dict[str, float]) -> dict[str, float]:
+        if set(point) != set(FlockingParams._fields):
+            raise ValueError("it must have the 12 parameters")
+        try:
+            check_point([point[name] for name in FlockingParams._fields])
+        except PointError as problem:
+            raise ValueError(str(problem)) from None
+        return point
+
+    @property
+    def verdict(self) -> Grade:
+        """The worst of all items."""
+        return Grade.worst(item.grade for item in self.items)
+
+    def params(self) -> FlockingParams:
+        """The point."""
+        return FlockingParams(**self.point)
+
+
+def write_report(report: Report, path: Path, key: SigningKey | None = None) -> None:
+    """Write a report, sealed.
+
+    Raises:
+        MoflockError: it cannot be written.
+    """
+    content = report.model_dump(mode="json")
+    sealed = content | {"verdict": report.verdict, "seal": _seal(content, key), "sealed_with_key": key is not None}
+    with new_file(path) as place:
+        place.write_text(json.dumps(sealed, indent=1) + "\n", encoding="utf-8")
+
+
+def read_report(path: Path, key: SigningKey | None = None) -> Report:
+    """Read a report, as a file from anywhere, and check its seal.
+
+    Args:
+        path: what `write_report` wrote.
+        key: the one that it was sealed with; None, and any key's seal but none without a key is refused.
+
+    Raises:
+        ReportError: it cannot be read, is none, was edited, or is sealed with another key.
+    """
+    try:
+        content = json.loads(_text_of(path))
+        if not isinstance(content, dict):
+            raise ReportError(f"report {path}: it must be a JSON object")
+        seal, keyed = content.pop("seal", None), content.pop("sealed_with_key", None)
+        verdict = content.pop("verdict", None)
+        report = Report.model_validate_json(json.dumps(content))
+    except OSError as problem:
+        raise ReportError(f"report {path}: {problem.strerror}") from None
+    except ValidationError as problem:
+        first = problem.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ReportError(f"report {path}: {place}: {first['msg']}") from None
+    except (ValueError, RecursionError) as problem:
+        raise ReportError(f"report {path}: not JSON: {problem}") from None
+    if keyed is not (key is not None):
+        has, needs = ("a", "none was given") if keyed else ("no", "it must be sealed with the links' key")
+        raise ReportError(f"report {path}: it is sealed with {has} key: {needs}")
+    if not isinstance(seal, str) or not hmac.compare_digest(ascii(seal), ascii(_seal(content, key))):
+        raise ReportError(f"report {path}: its seal is broken: it was edited, or sealed with another key")
+    if verdict != report.verdict:
+        raise ReportError(f"report {path}: verdict: {verdict!r} is not that of its items, {report.verdict}")
+    return report
+
+
+def refuse_unless_fit(
+    report: Report,
+    *,
+    params: FlockingParams,
+    scenario: Scenario,
+    vehicles: Sequence[CheckedVehicle],
+    now: datetime.datetime,
+    age_max: float = AGE_MAX,
+) -> None:
+    """Refuse a report that does not allow this deployment.
+
+    Args:
+        report: as read.
+        params: the point to be flown.
+        scenario: to be flown.
+        vehicles: that are there; where they are may have changed since, who they are not.
+        now: aware of its time zone.
+        age_max: s.
+
+    Raises:
+        ReportError: it failed, is of another point, scenario or set of vehicles, or is too old.
+    """
+    failed = [item for item in report.items if not item.grade.is_good]
+    if not report.items:
+        raise ReportError("report: nothing was checked")
+    if failed:
+        first = failed[0]
+        more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
+        raise ReportError(f"report: {report.verdict}: {first.about}: {first.name}{more}")
+    age = (now - report.time).total_seconds()
+    if not -_CLOCKS_APART <= age <= age_max:
+        raise ReportError(f"report: {age:.0f} s old: it must be at most {age_max:g} s")
+    if report.params() != params:
+        name = next(name for name in FlockingParams._fields if report.point[name] != getattr(params, name))
+        raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {getattr(params, name):g}")
+    _refuse_other_scenario(report, scenario)
+    if not report.vehicles:
+        raise ReportError("report: without a live part: preflight must have seen the vehicles (--vehicles)")
+    checked, there = ({(v.system, v.autopilot, v.uid) for v in group} for group in (report.vehicles, vehicles))
+    if checked != there:
+        ids = [", ".join(str(v[0]) for v in sorted(group)) for group in (checked, there)]
+        raise ReportError(f"report: of other vehicles: system ids {ids[0]} were checked, {ids[1]} are there")
+
+
+def newest_report(folder: Path) -> Path:
+    """The newest report of a folder, by the time in its name.
+
+    Raises:
+        ReportError: there is none.
+    """
+    found = sorted(folder.glob(f"{_PREFIX}*.json"))
+    if not found:
+        raise ReportError(f"report: none in {folder}: run moflock preflight with --vehicles first")
+    return found[-1]
+
+
+def default_path(folder: Path, point_name: str, time: datetime.datetime) -> Path:
+    """Where a report goes unless it is told."""
+    name = "".join(letter if letter.isalnum() else "_" for letter in point_name)
+    return folder / f"{_PREFIX}{time.astimezone(datetime.UTC):%Y%m%d-%H%M%S}-{name}.json"
+
+
+def signer() -> str:
+    """The user's name on this machine."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return "unknown"
+
+
+def _text_of(path: Path) -> str:
+    # Without O_NONBLOCK a named pipe would keep us waiting for somebody to write into it.
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ReportError(f"report {path}: it must be a regular file")
+        content = file.read(_LARGEST_FILE + 1)
+    if len(content) > _LARGEST_FILE:
+        raise ReportError(f"report {path}: it must be at most {_LARGEST_FILE} bytes")
+    return content.decode()
+
+
+def _refuse_other_scenario(report: Report, scenario: Scenario) -> None:
+    try:
+        checked = Scenario.from_dict(report.scenario)
+    except MoflockError as problem:
+        raise ReportError(f"report: scenario: {problem}") from None
+    for field in dataclasses.fields(Scenario):
+        before, now = getattr(checked, field.name), getattr(scenario, field.name)
+        if before != now:
+            raise ReportError(f"report: of another scenario: {field.name} is {before}, not {now}")
+
+
+def _seal(content: dict[str, object], key: SigningKey | None) -> str:
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":")).encode()
+    return hashlib.blake2b(canonical, key=key.secret if key else b"", person=b"moflock-preflt").hexdigest()

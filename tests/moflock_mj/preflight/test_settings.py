@@ -1,0 +1,103 @@
+"""Parameters and fences: what a vehicle must be set to, and each that fails it."""
+
+from __future__ import annotations
+
+import pytest
+
+from moflock_mj import Scenario
+from moflock_mj.mavlink.fence import Circle, Polygon
+from moflock_mj.mavlink.remote import RemoteVehicle
+from moflock_mj.preflight.grades import Grade
+from moflock_mj.preflight.settings import Settings, settings_items
+from moflock_mj.preflight.wanted import Needs, wanted_parameters
+
+SCENARIO = Scenario(arena_side=200.0)
+NEEDS = Needs(speed=6.0, acceleration=6.0, radius=173.0, top=45.0, return_altitude=26.0)
+VEHICLE = RemoteVehicle(3, "here", is_local=True, send=lambda _: None, clock=lambda: 0.0)
+AUTOPILOTS = ("ardupilot", "px4")
+
+
+def square(half, *, allowed=True):
+    return Polygon(((-half, -half), (half, -half), (half, half), (-half, half)), allowed)
+
+
+def good_values(autopilot):
+    return {wanted.names[0]: wanted.value for wanted in wanted_parameters(autopilot, NEEDS)}
+
+
+def graded(autopilot, changes=None, shapes=(square(120.0),)):
+    values = {name: value for name, value in (good_values(autopilot) | (changes or {})).items() if value is not None}
+    found = Settings(values=values, shapes=shapes, capacity=None)
+    return {item.name: item for item in settings_items(VEHICLE, autopilot, NEEDS, found, SCENARIO)}
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_what_fix_sets_passes(autopilot):
+    assert {item.grade for item in graded(autopilot).values()} == {Grade.PASS}
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value"),
+    [
+        ("ardupilot", "WPNAV_SPEED", 500.0),
+        ("ardupilot", "WPNAV_ACCEL", 250.0),
+        ("ardupilot", "ANGLE_MAX", 3000.0),
+        ("ardupilot", "MAV_GCS_SYSID", 7.0),
+        ("ardupilot", "FS_GCS_ENABLE", 0.0),
+        ("ardupilot", "FS_GCS_TIMEOUT", 60.0),
+        ("ardupilot", "GUID_TIMEOUT", 30.0),
+        ("ardupilot", "FENCE_ALT_MAX", 30.0),
+        ("ardupilot", "FENCE_RADIUS", 150.0),
+        ("ardupilot", "FENCE_ACTION", 0.0),
+        ("ardupilot", "FENCE_TYPE", 1.0),
+        ("ardupilot", "FENCE_ENABLE", 0.0),
+        ("ardupilot", "FENCE_ENABLE", None),
+        ("px4", "MPC_XY_VEL_MAX", 5.0),
+        ("px4", "MPC_ACC_HOR", 3.0),
+        ("px4", "MPC_ACC_HOR_MAX", 5.0),
+        ("px4", "MPC_TILTMAX_AIR", 20.0),
+        ("px4", "NAV_DLL_ACT", 0.0),
+        ("px4", "COM_DL_LOSS_T", 60.0),
+        ("px4", "COM_OBL_RC_ACT", 0.0),
+        ("px4", "COM_OF_LOSS_T", 30.0),
+        ("px4", "GF_MAX_VER_DIST", 0.0),
+        ("px4", "GF_MAX_HOR_DIST", 0.0),
+        ("px4", "GF_ACTION", 1.0),
+        ("px4", "GF_ACTION", None),
+    ],
+)
+def test_each_parameter_has_what_fails_it(autopilot, name, value):
+    items = graded(autopilot, {name: value})
+    assert {name for name, item in items.items() if item.grade is not Grade.PASS} == {name}
+    assert items[name].grade is Grade.FAILURE
+    assert items[name].advice
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "BATT_FS_LOW_ACT"), ("px4", "COM_LOW_BAT_ACT")])
+def test_a_battery_that_only_warns_is_a_warning(autopilot, name):
+    assert graded(autopilot, {name: 0.0})[name].grade is Grade.WARNING
+
+
+def test_older_firmware_has_another_name_for_our_id():
+    items = graded("ardupilot", {"MAV_GCS_SYSID": None, "SYSID_MYGCS": 9.0})
+    assert items["SYSID_MYGCS"].grade is Grade.FAILURE
+
+
+@pytest.mark.parametrize(
+    ("shapes", "grade"),
+    [
+        ((square(100.1),), Grade.PASS),
+        ((Circle((0.0, 0.0), 142.0, True),), Grade.PASS),
+        ((square(120.0), Circle((0.0, 130.0), 9.0, False)), Grade.PASS),
+        ((square(99.0),), Grade.FAILURE),
+        ((Circle((0.0, 0.0), 141.0, True),), Grade.FAILURE),
+        ((square(120.0), Circle((50.0, 0.0), 9.0, False)), Grade.FAILURE),
+        ((Circle((0.0, 130.0), 9.0, False),), Grade.FAILURE),
+        ((), Grade.WARNING),
+        (None, Grade.FAILURE),
+    ],
+)
+def test_a_fence_allows_the_whole_arena(shapes, grade):
+    item = graded("px4", shapes=shapes)["fence"]
+    assert item.grade is grade
+    assert bool(item.advice) == (grade is not Grade.PASS)
