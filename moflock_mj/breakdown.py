@@ -1,6 +1,7 @@
 """What faults do to a flight: a schedule in whole beats, and the stages at which the loop follows it.
 
-- rotor_loss: the rotor gives a share of the thrust that it is commanded, at full power; the controllers do not know.
+- rotor_loss: the rotor gives a share of the thrust that it is commanded, at the full speed and power of that thrust, as
+  with a broken blade: battery and rotor drag feel no difference. The controllers do not know.
 - gps_outage: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
   last fix, and that of its position grows by it. It tells what it believes, so that others keep off.
 - gps_jump: the position that it reads and tells is off. Its velocity, by Doppler shift, is not.

@@ -26,6 +26,7 @@ from optimize.executor import make_executor
 from optimize.figures import save
 from optimize.fly_points import FlownPoints, fly_points
 from optimize.objectives import PAPER
+from optimize.statistics import half_width
 from optimize.tables import Words, markdown
 from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, ValidationDirectory, make_settings
 from optimize.validation_figures import fronts_figure
@@ -82,27 +83,16 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, worker
 
 def calibration_tables(found: Validation, calibrated: FlownPoints) -> tuple[Words, Words]:
     """What the calibrated point mass changes: objectives, and the velocity error, beside both dynamics."""
-    ours = PAPER.of_columns(calibrated.fitness).mean(axis=1)
-    mean = found.objectives.mean(axis=2)
-    before = np.abs(mean[POINT_MASS] - mean[RIGID_BODY])
-    after = np.abs(ours - mean[RIGID_BODY])
+    plain_values, body_values = (found.objectives[dynamics] for dynamics in (POINT_MASS, RIGID_BODY))
+    ours = PAPER.of_columns(calibrated.fitness)
+    # Seed by seed: what the seeds have in common is in neither gap.
+    differences = (plain_values - body_values, ours - body_values, ours - plain_values)
     objectives = [
-        (
-            name,
-            *(
-                cell
-                for k in range(2)
-                for cell in (
-                    f"{mean[POINT_MASS, number, k]:.3f}",
-                    f"{ours[number, k]:.3f}",
-                    f"{mean[RIGID_BODY, number, k]:.3f}",
-                    f"{before[number, k]:.3f} to {after[number, k]:.3f}",
-                )
-            ),
-        )
+        (name, *(_with_error(difference[number, :, k]) for k in range(2) for difference in differences))
         for number, name in enumerate(found.names)
     ]
-    head = [f"{name} {what}" for name in PAPER.names for what in ("point mass", "calibrated", "rigid body", "distance")]
+    gaps = ("point mass less body", "calibrated less body", "calibrated less point mass")
+    head = [f"{name}: {what}" for name in PAPER.names for what in gaps]
     column = FIGURE_NAMES.index("velocity_error_rms")
     plain, body = (found.column("velocity_error_rms", dynamics).mean(axis=1) for dynamics in (POINT_MASS, RIGID_BODY))
     fitted = calibrated.figures[:, :, column].mean(axis=1)
@@ -111,13 +101,17 @@ def calibration_tables(found: Validation, calibrated: FlownPoints) -> tuple[Word
         for number, name in enumerate(found.names)
     ]
     return (
-        Words("Objectives of the calibrated point mass", ("point", *head), objectives),
+        Words("What calibration changes, seed by seed", ("point", *head), objectives),
         Words(
             "Velocity error, m/s RMS",
             ("point", "point mass", "calibrated", "rigid body", "point mass less body", "calibrated less body"),
             errors,
         ),
     )
+
+
+def _with_error(values: NDArray[np.float64]) -> str:
+    return f"{values.mean():+.3f} ± {float(half_width(values, axis=0)):.3f}"
 
 
 def _shares(

@@ -108,3 +108,11 @@ def test_the_ground_lifts_as_cheeseman_and_bennett_say():
     assert LIFT(ground, 2 + 2 * radius) == pytest.approx(64 / 63)
     assert LIFT(ground, 20.0) == pytest.approx(1, abs=1e-5)
     assert LIFT(ground, 2 + radius / 2) == LIFT(ground, 2.0) == LIFT(ground, -5.0) == pytest.approx(4 / 3)
+
+
+@pytest.mark.parametrize("below", [0.5, 1.0, 2.0])
+def test_the_jet_of_a_crazyflie_pushes_within_a_factor_of_two_of_the_force_fitted_to_flights(below):
+    """gym-pybullet-drones (Panerati et al. 2021): 2267.18 (R / 4z)^2 N on the axis, R = 23.1348 mm; ours has 0.56."""
+    jets = make_jets(Scenario(downwash=air.Downwash()), load_airframe("crazyflie"))
+    ours = jets.drag * jet_speed(jets, below, 0.0) ** 2
+    assert 0.5 < ours / (2267.18 * (0.0231348 / (4 * below)) ** 2) < 1.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from moflock_mj import MoflockError, Scenario, fly, paper_point
+from moflock_mj.air import Wind
 from moflock_mj.errors import LogError, PointError, ScenarioError
 from moflock_mj.flock import Flock
 from moflock_mj.response import PointMassResponse
@@ -170,3 +171,24 @@ def test_what_cannot_be_flown_is_refused_in_one_line(keywords, error, words):
         fly(arguments.pop("params"), **arguments)
     assert "\n" not in str(refusal.value)
     assert isinstance(refusal.value, MoflockError)
+
+
+GUSTY = Scenario(drones=4, arena_side=100.0, duration=12.0, wind=Wind(speed=6.0, turbulence="moderate"))
+
+
+def test_in_gusts_a_point_mass_that_is_late_by_what_a_step_is_late_anyway_is_one_that_is_not():
+    """An answer is held for a step, and so is late by half of one: the gusts must be drawn alike."""
+    flights = [
+        fly(paper_point("B"), scenario=GUSTY.replace(point_mass=response), dynamics="point_mass", seed=3)
+        for response in (PointMassResponse(), PointMassResponse(delay=0.004))
+    ]
+    np.testing.assert_allclose(flights[0].samples.position, flights[1].samples.position, rtol=0, atol=1e-9)
+
+
+def test_in_gusts_a_late_point_mass_flies_on_with_less_grip():
+    late = GUSTY.replace(point_mass=PointMassResponse(delay=0.4), duration=60.0)
+    errors = [
+        fly(paper_point("B"), scenario=scenario, dynamics="point_mass", seed=3).motion.velocity_error_rms
+        for scenario in (GUSTY.replace(duration=60.0), late)
+    ]
+    assert errors[0] < errors[1] < 2 * errors[0]
