@@ -16,9 +16,10 @@ class Sensed(NamedTuple):
     Attributes:
         own_position: (2, N), m, with the drone's own GPS error.
         own_velocity: (2, N), m/s, with the drone's own GPS error.
-        heard_position: (2, N), m, what drone j's packets say of j: late, with the error of j's GPS.
-        heard_velocity: (2, N), m/s.
-        neighbours: (N, N), row i begins with the numbers of the drones that i hears.
+        heard_position: (2, M), m, what drone j's packets say of j: late, with the error of j's GPS. M is N, or a
+            multiple of it where packets are kept: column j + a N is what the packet a ticks earlier said, carried on.
+        heard_velocity: (2, M), m/s.
+        neighbours: (N, N), row i begins with the columns of the drones that i hears.
         neighbour_count: (N,), how many numbers of each row count.
         wall_distance: (W, N), m, from the own position to each wall, negative beyond it.
         wall_normal: (W, 2, N), unit vectors from each wall into the arena.
@@ -34,13 +35,13 @@ class Sensed(NamedTuple):
     wall_normal: NDArray[np.float64]
 
     @classmethod
-    def empty(cls, drones: int, walls: int) -> Sensed:
-        """Arrays of the right shapes, all zero."""
+    def empty(cls, drones: int, walls: int, kept: int = 0) -> Sensed:
+        """Arrays of the right shapes, all zero; `kept`: how many earlier packets are kept."""
         return cls(
             own_position=np.zeros((2, drones)),
             own_velocity=np.zeros((2, drones)),
-            heard_position=np.zeros((2, drones)),
-            heard_velocity=np.zeros((2, drones)),
+            heard_position=np.zeros((2, drones * (1 + kept))),
+            heard_velocity=np.zeros((2, drones * (1 + kept))),
             neighbours=np.zeros((drones, drones), np.int32),
             neighbour_count=np.zeros(drones, np.int64),
             wall_distance=np.zeros((walls, drones)),

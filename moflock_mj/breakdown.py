@@ -2,16 +2,18 @@
 
 - rotor_loss: the rotor gives a share of the thrust that it is commanded, at full power; the controllers do not know.
 - gps_outage: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
-  last fix, and that of its position grows by it. It tells what it believes for `DEAD_RECKONING` s, and then nothing.
+  last fix, and that of its position grows by it. It tells what it believes, so that others keep off.
 - gps_jump: the position that it reads and tells is off. Its velocity, by Doppler shift, is not.
-- blackout: the drone hears nobody. Without neighbours the policy leaves self-propulsion and walls.
+- blackout: the drone hears nobody.
 - packet_loss: packets to or from it get lost at random, on top of other losses.
 - silent: it sends nothing. Packets that are in the air still arrive.
 - switched_off: rotors stand still, and it sends nothing. A point mass falls on a parabola to the ground, and stays.
 
-A drone that has sent nothing is no neighbour, from the first packet that is missing: nobody goes by old packets. Nor
-is one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a falling drone draws nobody along. A
-flight without faults has none of this, as in the paper.
+Where a fault keeps a packet back, the last one counts for `KEPT` s more, its position carried on by its velocity; after
+that the drone is no neighbour. Nor is one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a
+falling drone draws nobody along. One that hears nobody any more though two or more were there stops and holds until it
+hears again: it takes its own radio for broken. Who never heard anybody flies on by self-propulsion and walls. A flight
+without faults has none of this, as in the paper.
 
 A fault acts in the beats that begin at `at` or later and before `at + lasts`; on sensing and policy, from the next
 tick on.
@@ -38,8 +40,8 @@ from moflock_mj.world import GRAVITY, World
 if TYPE_CHECKING:
     from moflock_mj.sensing import SensorState
 
-DEAD_RECKONING = 5.0
-"""s without a fix after which a position is no longer told: PX4's EKF2_NOAID_TOUT."""
+KEPT = 1.0
+"""s for which the last packet of a drone counts when the next ones do not come."""
 
 FALLEN = 5.0
 """m below a drone from which on it does not heed another."""
@@ -58,6 +60,8 @@ class FaultMemory(NamedTuple):
         velocity_error: (2, 2, N), m/s.
         sent: (H, N), whether a packet was sent at each moment of the ring of the past.
         height: (H, N), m, that it tells.
+        age: (N, N), ticks since i heard j last: `kept` + 1 for too long ago, `kept` + 2 for never while in range.
+        cut_off: (N,), 1 for a drone that hears nobody any more, and holds.
         left_position: (3, N), m, where a drone was switched off.
         left_velocity: (3, N), m/s, then.
     """
@@ -66,6 +70,8 @@ class FaultMemory(NamedTuple):
     velocity_error: NDArray[np.float64]
     sent: NDArray[np.uint8]
     height: NDArray[np.float64]
+    age: NDArray[np.int64]
+    cut_off: NDArray[np.uint8]
     left_position: NDArray[np.float64]
     left_velocity: NDArray[np.float64]
 
@@ -80,6 +86,7 @@ class Breakdown(NamedTuple):
         end: (F,), the first beat in which it is over.
         figure: (F, 2), rotor and effectiveness, jump (m), or share of packets.
         period: s, of a beat.
+        kept: ticks for which a last packet counts.
         ballistic: whether drones that are switched off fall by `fall`, not by their own dynamics.
         without_fix: (N,), s since an outage began, -1 with GPS.
         jump: (2, N), m.
@@ -99,6 +106,7 @@ class Breakdown(NamedTuple):
     end: NDArray[np.int64]
     figure: NDArray[np.float64]
     period: float
+    kept: int
     ballistic: bool
     without_fix: NDArray[np.float64]
     jump: NDArray[np.float64]
@@ -125,7 +133,8 @@ def make_breakdown(scenario: Scenario, dynamics: str, step: float, clocks: Clock
         if fault.kind == "rotor_loss" and dynamics == "point_mass":
             raise ScenarioError(f"faults[{place}].kind: rotor_loss needs rigid bodies: a point mass has no rotors")
     beats = [beats_of(fault, period) for fault in faults]
-    moments = clocks.ticks_late + 1
+    kept = round(KEPT / scenario.t_gps)
+    moments = clocks.ticks_late + 1 + kept
     return Breakdown(
         kind=np.array([list(KINDS).index(fault.kind) for fault in faults]),
         drone=np.array([-1 if fault.drone is None else fault.drone for fault in faults]),
@@ -133,6 +142,7 @@ def make_breakdown(scenario: Scenario, dynamics: str, step: float, clocks: Clock
         end=np.array([end for _, end in beats]),
         figure=np.array([_figure(fault) for fault in faults], np.float64),
         period=period,
+        kept=kept,
         ballistic=dynamics == "point_mass",
         without_fix=np.full(drones, -1.0),
         jump=np.zeros((2, drones)),
@@ -148,6 +158,8 @@ def make_breakdown(scenario: Scenario, dynamics: str, step: float, clocks: Clock
             velocity_error=np.zeros((2, 2, drones)),
             sent=np.ones((moments, drones), np.uint8),
             height=np.full((moments, drones), scenario.altitude),
+            age=np.full((drones, drones), kept + 2),
+            cut_off=np.zeros(drones, np.uint8),
             left_position=np.zeros((3, drones)),
             left_velocity=np.zeros((3, drones)),
         ),
@@ -199,16 +211,29 @@ def spoil_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
 
 @stage
 def drop_neighbours(
-    faults: NamedTuple, world: World, slot: int, loss_draws: NDArray[np.float64], sensed: Sensed
+    faults: NamedTuple, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed
 ) -> None:
     """Strike out whom each drone does not hear, or should not heed; chosen by the type of `faults`.
 
     Args:
         faults: what is broken.
         world: the true state.
-        slot: place in the ring of the past of the packets that arrive.
+        moment: of which the packets that arrive tell.
         loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no fault loses packets.
         sensed: whose neighbours would be heard without faults.
+    """
+
+
+@stage
+def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+    """Write what earlier packets said, carried on to now; chosen by the type of `faults`.
+
+    Args:
+        faults: say how many are kept.
+        state: the ring of the past, and the present errors.
+        moment: of which the packets that arrive now tell.
+        t_gps: s, between two packets.
+        sensed: its columns from N on are written.
     """
 
 
@@ -219,7 +244,7 @@ def shift_readings(faults: NamedTuple, position: NDArray[np.float64]) -> None:
 
 @stage
 def hold_blind(faults: NamedTuple, desired: NDArray[np.float64]) -> None:
-    """Let drones without GPS want to stand, desired: (2, N), m/s; chosen by the type of `faults`."""
+    """Let drones without GPS, or cut off, want to stand, desired: (2, N), m/s; chosen by the type of `faults`."""
 
 
 @stage
@@ -257,7 +282,12 @@ def _spoil_no_fixes(faults: Off, state: SensorState, t_gps: float) -> None:
 
 
 @implements(drop_neighbours, Off)
-def _drop_none(faults: Off, world: World, slot: int, loss_draws: NDArray[np.float64], sensed: Sensed) -> None:
+def _drop_none(faults: Off, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed) -> None:
+    pass
+
+
+@implements(recall_packets, Off)
+def _recall_none(faults: Off, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
     pass
 
 
@@ -342,7 +372,7 @@ def strike_by_schedule(faults: Breakdown, world: World, beat: int) -> None:
 def _spoil_packets(faults: Breakdown, state: SensorState, world: World, moment: int) -> None:
     slot = moment % faults.memory.sent.shape[0]
     for i in range(faults.mute.size):
-        faults.memory.sent[slot, i] = not faults.mute[i] and faults.without_fix[i] <= DEAD_RECKONING
+        faults.memory.sent[slot, i] = not faults.mute[i]
         faults.memory.height[slot, i] = world.position[2, i]
         for axis in range(2):
             state.past_position[slot, axis, i] += faults.jump[axis, i]
@@ -364,20 +394,44 @@ def _spoil_fixes(faults: Breakdown, state: SensorState, t_gps: float) -> None:
 
 @implements(drop_neighbours, Breakdown)
 def _drop_neighbours(
-    faults: Breakdown, world: World, slot: int, loss_draws: NDArray[np.float64], sensed: Sensed
+    faults: Breakdown, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed
 ) -> None:
-    memory, lossy = faults.memory, loss_draws.shape[0] > 0
-    for i in range(faults.deaf.size):
-        kept = 0
+    memory, lossy, ring = faults.memory, loss_draws.shape[0] > 0, faults.memory.sent.shape[0]
+    drones, too_old = faults.deaf.size, faults.kept + 1
+    age_before = np.empty(drones, np.int64)
+    for i in range(drones):
+        age_before[:] = memory.age[i]
+        memory.age[i] = too_old + 1  # also of those that have flown out of range
+        count, arrived, missing = 0, 0, 0
         for k in range(sensed.neighbour_count[i]):
             j = sensed.neighbours[i, k]
-            arrives = not faults.deaf[i] and memory.sent[slot, j]
-            if lossy and loss_draws[i, j] < max(faults.loss[i], faults.loss[j]):
-                arrives = False
-            if arrives and memory.height[slot, j] > world.position[2, i] - FALLEN:
-                sensed.neighbours[i, kept] = j
-                kept += 1
-        sensed.neighbour_count[i] = kept
+            lost = lossy and loss_draws[i, j] < max(faults.loss[i], faults.loss[j])
+            arrives = not faults.deaf[i] and memory.sent[moment % ring, j] and not lost
+            age = 0 if arrives else age_before[j] + (age_before[j] < too_old)
+            memory.age[i, j] = age
+            arrived += arrives
+            missing += age == too_old
+            if age < too_old and memory.height[(moment - age) % ring, j] > world.position[2, i] - FALLEN:
+                sensed.neighbours[i, count] = j + age * drones
+                count += 1
+        sensed.neighbour_count[i] = count
+        if arrived > 0:
+            memory.cut_off[i] = 0
+        elif count == 0 and missing >= 2:  # of one alone it could be the other's radio
+            memory.cut_off[i] = 1
+
+
+@implements(recall_packets, Breakdown)
+def _recall_packets(faults: Breakdown, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+    drones = faults.deaf.size
+    for age in range(1, faults.kept + 1):
+        slot = (moment - age) % state.past_position.shape[0]
+        for axis in range(2):
+            for j in range(drones):
+                velocity = state.past_velocity[slot, axis, j]
+                place = state.past_position[slot, axis, j] + age * t_gps * velocity
+                sensed.heard_position[axis, j + age * drones] = place + state.position_error[1, axis, j]
+                sensed.heard_velocity[axis, j + age * drones] = velocity + state.velocity_error[1, axis, j]
 
 
 @implements(shift_readings, Breakdown)
@@ -390,7 +444,7 @@ def _shift_readings(faults: Breakdown, position: NDArray[np.float64]) -> None:
 @implements(hold_blind, Breakdown)
 def _hold_blind(faults: Breakdown, desired: NDArray[np.float64]) -> None:
     for i in range(desired.shape[1]):
-        if faults.without_fix[i] >= 0:
+        if faults.without_fix[i] >= 0 or faults.memory.cut_off[i]:
             desired[0, i] = desired[1, i] = 0.0
 
 

@@ -14,7 +14,7 @@ import typer
 
 from moflock_mj.errors import MoflockError
 from moflock_mj.gl import do_without_gl
-from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
+from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario, refuse_options
 from moflock_mj.preflight.commands import commands as preflight_commands
 from optimize.commands import commands as search_commands
 from optimize.validation_commands import commands as validation_commands
@@ -193,12 +193,25 @@ first, and a client waits for them: MAVSDK udpin://127.0.0.1:14540, MAVProxy --m
 Faults are drone (from 0, or all), kind, at (s), for (s) and value; kinds: silent, gps_loss, low_battery (value: share
 of charge), link_loss (share of packets), delay (s), duplicate_id (system id), motor_failure (rotor 0 to 3), pilot.
 
+With --physics-for, the bodies are flown by real autopilots instead: programs that --autopilot-command starts, or that
+you start. They are waited for at 127.0.0.1, ArduPilot's instance i at UDP port 9002 + 10 i, PX4's at TCP port 4560 + i:
+
+  moflock fleet --physics-for ardupilot --vehicles 3 --autopilot-command "arducopter --model JSON:127.0.0.1
+  -I{instance} --sysid {sysid} --home {home} --speedup {speed} --defaults {here}/copter.parm"
+
+  moflock fleet --physics-for px4 --autopilot-command "env PX4_SYS_AUTOSTART=10016 px4 -i {instance} -d /px4/etc"
+
 Links are signed if --key-file or the environment variable MOFLOCK_SIGNING_KEY gives a key: 64 hexadecimal digits, or a
 pass phrase."""
 
 
+_NOT_OF_REAL_AUTOPILOTS = ("autopilot", "base_port", "bind", "to", "boot", "fault", "faults", "key_file")
+"""Options of fleet that are about simulated autopilots."""
+
+
 @app.command("fleet", epilog=_FLEET_EXAMPLE)
 def fleet_command(
+    context: typer.Context,
     vehicles: Annotated[int | None, typer.Option(help="Number; by default the scenario's drones, or 1.")] = None,
     autopilot: Annotated[Autopilot, typer.Option(help="How they behave.")] = Autopilot.ARDUPILOT,
     base_port: Annotated[int, typer.Option(help="UDP port of the first vehicle; 0: any that are free.")] = 14600,
@@ -212,6 +225,15 @@ def fleet_command(
     fault: Annotated[list[str] | None, typer.Option(help="A fault; may be given several times.")] = None,
     faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[fault]] each.")] = None,
     key_file: Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")] = None,
+    physics_for: Annotated[Autopilot | None, typer.Option(help="Be the physics of real autopilots.")] = None,
+    autopilot_command: Annotated[
+        str | None,
+        typer.Option(help="Starts one of them: {instance}, {sysid}, {port}, {home}, {speed}, {here} are filled in."),
+    ] = None,
+    autopilot_folder: Annotated[
+        Path | None, typer.Option(help="Of their working directories and output; by default a new one in logs/.")
+    ] = None,
+    physics_port: Annotated[int | None, typer.Option(help="Of the first; by default the autopilot's own.")] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated seconds; by default until Ctrl-C.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     as_json: Annotated[
@@ -225,8 +247,25 @@ def fleet_command(
     from moflock_mj.mavlink.signing import find_key  # noqa: PLC0415
 
     flown = given_scenario(scenario, airframe=airframe)
+    number = vehicles if vehicles is not None else flown.drones if scenario else 1
+    if physics_for is not None:
+        refuse_options(context, _NOT_OF_REAL_AUTOPILOTS, "--physics-for")
+        from moflock_mj.autopilot.lockstep import PhysicsPlan  # noqa: PLC0415
+        from moflock_mj.autopilot.terminal import run_physics  # noqa: PLC0415
+
+        physics = PhysicsPlan(
+            autopilot=physics_for.value,
+            vehicles=number,
+            port=physics_port,
+            speed=speed,
+            spacing=spacing,
+            scenario=flown,
+            seed=seed,
+        )
+        return run_physics(physics, autopilot_command, autopilot_folder, duration, as_json=as_json)
+    refuse_options(context, ("autopilot_command", "autopilot_folder", "physics_port"), "a fleet without --physics-for")
     plan = FleetPlan(
-        vehicles=vehicles if vehicles is not None else flown.drones if scenario else 1,
+        vehicles=number,
         autopilot=autopilot.value,
         base_port=base_port,
         bind=bind,

@@ -27,22 +27,24 @@ class _Kind:
         figures: fields that it must have, and no other kind.
         of_all: whether it may befall all drones at once.
         ends: whether it may end.
+        falls: whether the drone that it befalls may come down by it.
     """
 
     text: str
     figures: tuple[str, ...] = ()
     of_all: bool = True
     ends: bool = True
+    falls: bool = False
 
 
 KINDS = {
-    "rotor_loss": _Kind(text="a rotor loses thrust", figures=("rotor", "effectiveness"), of_all=False),
+    "rotor_loss": _Kind(text="a rotor loses thrust", figures=("rotor", "effectiveness"), of_all=False, falls=True),
     "gps_outage": _Kind(text="no GPS"),
     "gps_jump": _Kind(text="GPS off", figures=("jump",)),
     "blackout": _Kind(text="hears nobody"),
     "packet_loss": _Kind(text="loses packets", figures=("share",)),
     "silent": _Kind(text="silent", of_all=False),
-    "switched_off": _Kind(text="switched off", of_all=False, ends=False),
+    "switched_off": _Kind(text="switched off", of_all=False, ends=False, falls=True),
 }
 """By name; the order is that of the compiled code's numbers."""
 

@@ -79,11 +79,12 @@ class Flock:
             faults=self.faults,
             yardstick=Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll),
         )
+        kept = self.faults.kept if isinstance(self.faults, Breakdown) else 0
         self.memory = Memory(
             world=world,
             desired=np.zeros((2, scenario.drones)),
-            sensor_state=SensorState.at_start(world, clocks.ticks_late),
-            sensed=Sensed.empty(scenario.drones, arena.walls),
+            sensor_state=SensorState.at_start(world, clocks.ticks_late + kept),
+            sensed=Sensed.empty(scenario.drones, arena.walls, kept),
             tally=Tally.empty(scenario.drones, arena.walls),
         )
         self.beat = 0

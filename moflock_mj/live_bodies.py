@@ -51,13 +51,16 @@ class LiveBodies:
         places: (N, 2), m, world, where they stand.
         streams: of all random numbers.
         beat: integration steps between two changes of the air, and the unit in which they are advanced.
+        piloted: whether our controllers fly them; else the caller writes `thrust_command`.
 
     Attributes:
         desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next two.
         altitude: (N,), m, of the body's centre, to be held.
         stopped: (N, 4), 1 for a rotor that stands still.
+        thrust_command: (N, 4), N.
         position_error: (2, N), m, of each body's GPS.
         velocity_error: (2, N), m/s, of each body's GPS; what is added to it goes away as other errors do.
+        airframe: of all bodies.
         ground: m, height of the centre of a body that stands.
         radius: m, of a body's collision shape.
         step: s.
@@ -66,7 +69,15 @@ class LiveBodies:
         MoflockError: the scenario cannot be flown by rigid bodies.
     """
 
-    def __init__(self, scenario: Scenario, places: NDArray[np.float64], streams: Streams, beat: int = 4) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        places: NDArray[np.float64],
+        streams: Streams,
+        beat: int = 4,
+        *,
+        piloted: bool = True,
+    ) -> None:
         drones = len(places)
         if scenario.faults:
             raise ScenarioError("faults: live bodies have none of a scenario: take them out; a fleet has its own")
@@ -75,7 +86,7 @@ class LiveBodies:
         self._world.position[:2] = places.T
         self._beat, self._scenario = beat, scenario.replace(drones=drones)
         wind = make_wind(self._scenario, beat * self.step, streams.wind)
-        flock = RigidBodyFlock(self._scenario, self.step, beat, self._world, wind, Off())
+        flock = RigidBodyFlock(self._scenario, self.step, beat, self._world, wind, Off(), piloted=piloted)
         self._flock = flock  # keeps alive what the plant points to
         self._plant = plant = flock.plant
         self._streams = streams
@@ -83,7 +94,8 @@ class LiveBodies:
         plant.qpos[:, 2] = self.ground
         plant.thrust[:] = 0
         plant.altitude[:] = self.ground
-        plant.stopped[:] = 1
+        plant.thrust_command[:] = 0
+        plant.stopped[:] = piloted
         self.desired = np.zeros((2, drones))
         self._sensors = SensorModel(
             t_gps=scenario.t_gps,
@@ -100,6 +112,8 @@ class LiveBodies:
         self.velocity_error = self._sensor_state.velocity_error[0]
         self.altitude = plant.altitude
         self.stopped = plant.stopped
+        self.thrust_command = plant.thrust_command
+        self.airframe = flock.airframe
         self._advance_beat(0)  # compiles, so that the first real step takes no longer than the others
 
     @property

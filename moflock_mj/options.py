@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from moflock_mj.errors import MoflockError
 
 if TYPE_CHECKING:
     from moflock_mj.scenario import Scenario
@@ -38,3 +41,20 @@ def given_scenario(path: Path | None, **changes: Any) -> Scenario:
 
     scenario = Scenario.load(path) if path else Scenario()
     return scenario.replace(**{name: value for name, value in changes.items() if value is not None})
+
+
+def refuse_options(context: typer.Context, names: Iterable[str], of: str) -> None:
+    """Refuse options that were given and would do nothing.
+
+    Args:
+        context: of the command.
+        names: of its parameters.
+        of: what they do not go with.
+
+    Raises:
+        MoflockError: one of them was given.
+    """
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
+            raise MoflockError(f"--{name.replace('_', '-')}: {of} has no use for it")

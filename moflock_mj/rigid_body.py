@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
 from controllers.cascade import OBSERVER_SIZE, Gains, track_velocity
-from controllers.compiling import Off, hot_kernel, implements, kernel
+from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel
 from controllers.tuning import TuningError, design_gains, largest_push
 from moflock_mj.aerodynamics import (
     AirDrag,
@@ -74,6 +74,7 @@ class RigidBody(NamedTuple):
 
     Attributes:
         gains: of the controllers, with the vehicle's figures.
+        pilot: the gains once more, or Off where others write `thrust_command`.
         step: s.
         altitude: (N,), m, to be held.
         stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
@@ -102,6 +103,7 @@ class RigidBody(NamedTuple):
     """
 
     gains: Gains
+    pilot: NamedTuple
     step: float
     altitude: NDArray[np.float64]
     stopped: NDArray[np.uint8]
@@ -127,6 +129,67 @@ class RigidBody(NamedTuple):
     thrust_command: NDArray[np.float64]
     observer: NDArray[np.float64]
     extremes: Extremes
+
+
+@hot_stage
+def steer(
+    pilot: NamedTuple,
+    plant: RigidBody,
+    desired: NDArray[np.float64],
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+    error: NDArray[np.float64],
+    i: int,
+) -> None:
+    """Command the rotors of body i for one step; chosen by the type of `pilot`.
+
+    Args:
+        pilot: Gains, or Off where others have written `plant.thrust_command`.
+        plant: the dynamics.
+        desired: (2, N), m/s, world.
+        qpos: (N, 7), as the pilot believes it.
+        qvel: (N, 6), as the pilot believes it.
+        error: (2, N), m/s, of the horizontal velocity on top.
+        i: the body.
+    """
+
+
+@implements(steer, Gains)
+def _fly(
+    pilot: Gains,
+    plant: RigidBody,
+    desired: NDArray[np.float64],
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+    error: NDArray[np.float64],
+    i: int,
+) -> None:
+    track_velocity(
+        pilot,
+        desired[0, i],
+        desired[1, i],
+        plant.altitude[i],
+        qvel[i, 0] + error[0, i],
+        qvel[i, 1] + error[1, i],
+        qpos[i],
+        qvel[i],
+        plant.thrust[i],
+        plant.observer[i],
+        plant.thrust_command[i],
+    )
+
+
+@implements(steer, Off)
+def _leave(
+    pilot: Off,
+    plant: RigidBody,
+    desired: NDArray[np.float64],
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+    error: NDArray[np.float64],
+    i: int,
+) -> None:
+    pass
 
 
 @kernel
@@ -260,19 +323,7 @@ def advance_rigid_bodies(
     model = plant.model if collisions else plant.model_apart
     for k in range(steps):
         for i in range(drones):
-            track_velocity(
-                plant.gains,
-                desired[0, i],
-                desired[1, i],
-                plant.altitude[i],
-                qvel[i, 0] + error[0, i],
-                qvel[i, 1] + error[1, i],
-                qpos[i],
-                qvel[i],
-                plant.thrust[i],
-                plant.observer[i],
-                plant.thrust_command[i],
-            )
+            steer(plant.pilot, plant, desired, qpos, qvel, error, i)
         _stop_rotors(plant)
         # A loop of its own: the two together compile to slower code.
         for i in range(drones):
@@ -312,6 +363,7 @@ class RigidBodyFlock:
         world: where the drones start, level, with their rotors at hover.
         wind: the air, see `moflock_mj.wind`.
         faults: what breaks, see `moflock_mj.breakdown`.
+        piloted: whether our controllers fly the bodies; else whoever writes their thrust commands.
 
     Raises:
         AirframeError: the airframe is unknown, or too weak for the scenario.
@@ -319,7 +371,15 @@ class RigidBodyFlock:
     """
 
     def __init__(
-        self, scenario: Scenario, step: float, beat: int, world: World, wind: Wind | Off, faults: Breakdown | Off
+        self,
+        scenario: Scenario,
+        step: float,
+        beat: int,
+        world: World,
+        wind: Wind | Off,
+        faults: Breakdown | Off,
+        *,
+        piloted: bool = True,
     ) -> None:
         airframe = load_airframe(scenario.airframe)
         check_air(scenario, airframe)
@@ -341,6 +401,7 @@ class RigidBodyFlock:
         drag = make_drag(scenario, airframe)
         self.plant = RigidBody(
             gains=gains,
+            pilot=gains if piloted else Off(),
             step=step,
             altitude=np.full(drones, scenario.altitude),
             stopped=faults.stopped if isinstance(faults, Breakdown) else np.zeros((drones, ROTORS), np.uint8),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from controllers.compiling import kernel
 from controllers.policy import Sensed
 from moflock_mj.arena import locate_walls
-from moflock_mj.breakdown import drop_neighbours, shift_readings, spoil_fixes
+from moflock_mj.breakdown import drop_neighbours, recall_packets, shift_readings, spoil_fixes
 from moflock_mj.world import World
 
 
@@ -51,7 +51,12 @@ class SensorState(NamedTuple):
 
     @classmethod
     def at_start(cls, world: World, ticks_late: int) -> SensorState:
-        """No error yet, and a past filled with the initial state, so that every first packet has a content."""
+        """No error yet, and a past filled with the initial state, so that every first packet has a content.
+
+        Args:
+            world: the initial state.
+            ticks_late: how far back the past goes, in remembered moments.
+        """
         drones = world.position.shape[1]
         return cls(
             position_error=np.zeros((2, 2, drones)),
@@ -138,12 +143,13 @@ def sense(
     spoil_fixes(faults, state, model.t_gps)
     _find_neighbours(model, world, loss_draws, sensed)
     slot = heard_moment % state.past_position.shape[0]  # moments before the start find the initial state there
-    drop_neighbours(faults, world, slot, fault_draws, sensed)
+    drop_neighbours(faults, world, heard_moment, fault_draws, sensed)
     for axis in range(2):
         for i in range(world.position.shape[1]):
             sensed.own_position[axis, i] = world.position[axis, i] + state.position_error[0, axis, i]
             sensed.own_velocity[axis, i] = world.velocity[axis, i] + state.velocity_error[0, axis, i]
             sensed.heard_position[axis, i] = state.past_position[slot, axis, i] + state.position_error[1, axis, i]
             sensed.heard_velocity[axis, i] = state.past_velocity[slot, axis, i] + state.velocity_error[1, axis, i]
+    recall_packets(faults, state, heard_moment, model.t_gps, sensed)
     shift_readings(faults, sensed.own_position)
     locate_walls(arena, sensed.own_position, sensed.wall_distance, sensed.wall_normal)

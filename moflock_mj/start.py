@@ -35,6 +35,16 @@ def start_world(scenario: Scenario, rng: np.random.Generator) -> World:
     return world
 
 
+def grid(drones: int, spacing: float) -> NDArray[np.float64]:
+    """(N, 2), m: places in a square grid about the origin."""
+    columns = math.ceil(math.sqrt(drones))
+    rows = math.ceil(drones / columns)
+    numbers = np.arange(drones)
+    x = (numbers % columns - (columns - 1) / 2) * spacing
+    y = (numbers // columns - (rows - 1) / 2) * spacing
+    return np.stack((x, y), axis=1)
+
+
 def _spaced(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.float64]:
     """Uniform places in the arena, each at least start_spacing from the others: (N, 2), m."""
     drones, half, spacing = scenario.drones, scenario.arena_side / 2, scenario.start_spacing

@@ -36,12 +36,18 @@ class Job:
         dynamics: "point_mass" or "rigid_body".
         coverage: whether fitness gets the coverage as a seventh column.
         timeout: s, bound of the wall time of one evaluation; None for none.
+        variants: other scenarios that a task may ask for.
     """
 
     scenario: Scenario
     dynamics: str
     coverage: bool = False
     timeout: float | None = None
+    variants: tuple[Scenario, ...] = ()
+
+    def scenario_of(self, task: Task) -> Scenario:
+        """What a task flies."""
+        return self.scenario if task.variant is None else self.variants[task.variant]
 
 
 class Task(NamedTuple):
@@ -51,11 +57,13 @@ class Task(NamedTuple):
         number: of the evaluation in its search, from 0.
         params: the point.
         seeds: (S,), one flight each.
+        variant: which of the job's variants is flown; None for its own scenario.
     """
 
     number: int
     params: FlockingParams
     seeds: tuple[int, ...]
+    variant: int | None = None
 
 
 class Evaluation(NamedTuple):
@@ -98,7 +106,8 @@ def evaluate(job: Job, task: Task) -> Evaluation:
         params = check_point(task.params)
     except PointError as problem:
         return infeasible(job, task, str(problem))
-    flights = [_fly_in_time(job, params, seed, began) for seed in task.seeds]
+    scenario = job.scenario_of(task)
+    flights = [_fly_in_time(job, scenario, params, seed, began) for seed in task.seeds]
     fitness = np.array([_fitness_row(job, flight) for flight in flights])
     if not np.isfinite(fitness).all():
         return infeasible(job, task, "a fitness is not finite")
@@ -148,11 +157,11 @@ def worker_name() -> str:
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
-def _fly_in_time(job: Job, params: FlockingParams, seed: int, began: float) -> Flight:
+def _fly_in_time(job: Job, scenario: Scenario, params: FlockingParams, seed: int, began: float) -> Flight:
     def late() -> bool:
         return job.timeout is not None and time.perf_counter() - began > job.timeout
 
-    flight = fly(params, scenario=job.scenario, dynamics=job.dynamics, seed=seed, keep_samples=job.coverage, stop=late)
+    flight = fly(params, scenario=scenario, dynamics=job.dynamics, seed=seed, keep_samples=job.coverage, stop=late)
     if not flight.complete:
         raise TimeoutError(f"timed out after {job.timeout:g} s")
     return flight

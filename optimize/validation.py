@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from controllers.flocking import FlockingParams
 from moflock_mj.airframes import load_airframe
 from moflock_mj.errors import PointError, SearchError
+from moflock_mj.faults import standard_faults
 from moflock_mj.flight import fly
 from moflock_mj.flock import Flock
 from moflock_mj.points import check_point, load_point, point_names
@@ -24,6 +26,7 @@ from optimize.configuration import installed_versions, search_scenario
 from optimize.estimates import non_dominated
 from optimize.evaluation import FIGURE_NAMES, OK, Evaluation, Job, Task
 from optimize.executor import Executor
+from optimize.fault_trials import FaultTrial, fault_trials
 from optimize.findings import FRONT
 from optimize.fly_points import Told, fresh_seeds
 from optimize.front import load_front
@@ -36,6 +39,9 @@ POINT_MASS, RIGID_BODY = 0, 1
 
 SEEDS = 20
 
+FAULT_SEEDS = 5
+"""Flights of each point with each fault, where faults are wanted and nothing else is said."""
+
 _MOST_SEEDS = 10_000
 
 
@@ -47,6 +53,7 @@ class Settings:
         scenario: what is flown; without a step, bodies take their own and point masses that of searches.
         points: by name.
         seeds: (S,), the same for all points and both dynamics.
+        fault_seeds: how many of these each point flies with each of the standard faults, on bodies; 0 for no faults.
         versions: of the libraries.
 
     Raises:
@@ -56,27 +63,48 @@ class Settings:
     scenario: Scenario
     points: Mapping[str, FlockingParams]
     seeds: tuple[int, ...]
+    fault_seeds: int = 0
     versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
 
     def __post_init__(self) -> None:
         if not self.points:
             raise SearchError("points: there is none; it must be at least 1")
         check_seeds(len(self.seeds))
+        if not 0 <= self.fault_seeds <= len(self.seeds):
+            raise SearchError(
+                f"fault_seeds: {self.fault_seeds} is out of bounds: it must be at least 0 and at most {len(self.seeds)}"
+            )
+
+    @property
+    def faults(self) -> dict[str, Scenario]:
+        """The scenario with each of the standard faults, by name; none if none are wanted."""
+        return standard_faults(self.jobs()[RIGID_BODY].scenario) if self.fault_seeds else {}
 
     def jobs(self) -> tuple[Job, Job]:
-        """What the executors need to know, in the order of DYNAMICS."""
+        """What the executors need to know, in the order of DYNAMICS; the variants are the faults'."""
         point_mass, rigid_body = (
             Job(scenario=search_scenario(self.scenario, dynamics), dynamics=dynamics) for dynamics in DYNAMICS
         )
-        return point_mass, rigid_body
+        variants = tuple(standard_faults(rigid_body.scenario).values()) if self.fault_seeds else ()
+        return point_mass, dataclasses.replace(rigid_body, variants=variants)
 
     def tasks(self) -> tuple[list[Task], list[Task]]:
-        """One flight each, in the order of DYNAMICS, with consecutive numbers."""
+        """One flight each, in the order of DYNAMICS, with consecutive numbers; those with faults come last."""
         wanted = [(params, seed) for params in self.points.values() for seed in self.seeds]
         point_mass, rigid_body = (
             [Task(first + number, params, (seed,)) for number, (params, seed) in enumerate(wanted)]
             for first in (0, len(wanted))
         )
+        faulty = [
+            (params, seed, variant)
+            for variant in range(len(self.faults))
+            for params in self.points.values()
+            for seed in self.seeds[: self.fault_seeds]
+        ]
+        rigid_body += [
+            Task(2 * len(wanted) + number, params, (seed,), variant)
+            for number, (params, seed, variant) in enumerate(faulty)
+        ]
         return point_mass, rigid_body
 
     def check_flyable(self) -> None:
@@ -87,13 +115,15 @@ class Settings:
         """
         for job in self.jobs():
             for params in self.points.values():
-                Flock(params, job.scenario, job.dynamics, self.seeds[0])
+                for scenario in (job.scenario, *job.variants):
+                    Flock(params, scenario, job.dynamics, self.seeds[0])
 
     def to_json(self) -> str:
         """All but the scenario, which is a file of its own."""
         content = {
             "points": {name: params._asdict() for name, params in self.points.items()},
             "seeds": self.seeds,
+            "fault_seeds": self.fault_seeds,
             "versions": dict(self.versions),
         }
         return json.dumps(content, indent=1) + "\n"
@@ -109,15 +139,19 @@ class Settings:
             content = json.loads(configuration)
         except (ValueError, RecursionError) as problem:
             raise SearchError(f"configuration: not JSON: {problem}") from None
-        if not isinstance(content, Mapping) or set(content) != {"points", "seeds", "versions"}:
+        if not isinstance(content, Mapping) or set(content) - {"fault_seeds"} != {"points", "seeds", "versions"}:
             raise SearchError("configuration: not a validation's: it must have points, seeds and versions")
         points, seeds = content["points"], content["seeds"]
         if not isinstance(points, Mapping) or not all(isinstance(params, Mapping) for params in points.values()):
             raise SearchError("configuration: points: it must be an object of points by name")
         if not isinstance(seeds, list) or not all(type(seed) is int and seed >= 0 for seed in seeds):
             raise SearchError("configuration: seeds: they must be whole numbers of at least 0")
+        fault_seeds = content.get("fault_seeds", 0)
+        if type(fault_seeds) is not int:
+            raise SearchError("configuration: fault_seeds: it must be a whole number of at least 0")
         return cls(
             scenario=Scenario.from_toml(scenario),
+            fault_seeds=fault_seeds,
             points={str(name): _point_of(params) for name, params in points.items()},
             seeds=tuple(seeds),
             versions=content["versions"],
@@ -166,12 +200,14 @@ class Validation:
         fitness: (2, P, S, 6).
         figures: (2, P, S, F), in the order of FIGURE_NAMES.
         failed: (2, P), flights that failed and count as fitness 0.
+        faults: how each of the standard faults was borne; empty if none were flown.
     """
 
     settings: Settings
     fitness: NDArray[np.float64]
     figures: NDArray[np.float64]
     failed: NDArray[np.int64]
+    faults: tuple[FaultTrial, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -237,15 +273,15 @@ def read_points(asked: Sequence[str]) -> tuple[dict[str, FlockingParams], set[in
     return points, used
 
 
-def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int) -> Settings:
-    """The settings of a new validation, with as many seeds as asked that no search has used.
+def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int, fault_seeds: int = 0) -> Settings:
+    """The settings of a new validation, with as many seeds as asked that no search has used; see `Settings`.
 
     Raises:
         MoflockError: see `Settings` and `read_points`.
     """
     points, used = read_points(asked)
     check_seeds(seeds)
-    return Settings(scenario=scenario, points=points, seeds=fresh_seeds(seeds, used))
+    return Settings(scenario=scenario, points=points, seeds=fresh_seeds(seeds, used), fault_seeds=fault_seeds)
 
 
 def check_seeds(count: int) -> None:
@@ -298,12 +334,18 @@ def gather(run: ValidationDirectory) -> Validation:
     if missing:
         raise SearchError(f"run directory {run.path}: {missing} of {len(numbers)} flights are missing; resume it")
     shape = (len(DYNAMICS), len(settings.points), len(settings.seeds))
-    ordered = [found[number] for number in numbers]
+    ordered = [found[number] for number in numbers[: math.prod(shape)]]
     return Validation(
         settings=settings,
         fitness=np.array([evaluation.fitness[0] for evaluation in ordered]).reshape(*shape, -1),
         figures=np.array([evaluation.figures[0] for evaluation in ordered]).reshape(*shape, -1),
         failed=np.array([evaluation.outcome != OK for evaluation in ordered]).reshape(shape).sum(axis=2),
+        faults=fault_trials(
+            settings.faults,
+            [found[number] for number in numbers[math.prod(shape) :]],
+            points=len(settings.points),
+            seeds=settings.fault_seeds,
+        ),
     )
 
 

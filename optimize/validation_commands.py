@@ -32,6 +32,8 @@ def validate_command(
         list[str] | None, typer.Argument(help="Named points, .json files, searches' directories.", metavar="POINT...")
     ] = None,
     seeds: Annotated[int | None, typer.Option(help="Flights of each point on each dynamics; 20 if absent.")] = None,
+    faults: Annotated[bool, typer.Option("--faults", help="Fly the standard faults on bodies too.")] = False,
+    fault_seeds: Annotated[int | None, typer.Option(help="Flights of each point with each fault; 5 if absent.")] = None,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
@@ -42,18 +44,21 @@ def validate_command(
     logs: Annotated[bool, typer.Option(help="Log the worst seed of each point.")] = True,
     as_json: AsJson = False,
 ) -> int:
-    """Fly points on point masses and on rigid bodies, and say which are safe to fly."""
-    from optimize.validation import make_settings  # noqa: PLC0415 - loads the search's libraries
+    """Fly points on point masses and on rigid bodies, and say which are safe to fly and which faults they survive."""
+    from optimize.validation import FAULT_SEEDS, make_settings  # noqa: PLC0415 - loads the search's libraries
     from optimize.validation_verbs import new_validation_path, validate  # noqa: PLC0415
 
     if resume is not None:
         given: dict[str, Any] = {"points": points or None, "seeds": seeds, "scenario": scenario}
         given |= {"drones": drones, "duration": duration, "out": out}
+        given |= {"faults": faults or None, "fault_seeds": fault_seeds}
         refuse_with_resume(given)
         settings, path = None, resume
     else:
         flown = given_scenario(scenario, drones=drones, duration=duration)
-        settings = make_settings(flown, points or [], _SEEDS if seeds is None else seeds)
+        count = _SEEDS if seeds is None else seeds
+        wanted = fault_seeds if fault_seeds is not None else min(FAULT_SEEDS, count) * faults
+        settings = make_settings(flown, points or [], count, wanted)
         path = out or new_validation_path()
     return validate(path, settings, workers=workers, scheduler=scheduler, logs=logs, as_json=as_json)
 

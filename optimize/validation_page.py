@@ -23,8 +23,9 @@ _OBJECTIVES = ("F_1", "F_2")
 
 
 def tables(validation: Validation) -> tuple[Words, ...]:
-    """Objectives and verdicts; all fitnesses; figures of the bodies; the front again."""
-    return (_objectives(validation), _fitnesses(validation), _bodies(validation), _fronts(validation))
+    """Objectives and verdicts; all fitnesses; figures of the bodies; the front again; faults, if they were flown."""
+    words = (_objectives(validation), _fitnesses(validation), _bodies(validation), _fronts(validation))
+    return (*words, _faults(validation)) if validation.faults else words
 
 
 def page(validation: Validation, logs: Mapping[str, Path], figure: str = FIGURE) -> str:
@@ -46,6 +47,8 @@ def page(validation: Validation, logs: Mapping[str, Path], figure: str = FIGURE)
         parts += [f"## {words.title}", markdown(words.head, words.rows)]
         if words.title.startswith("Rigid"):
             parts.append(LEGEND)
+        if words.title == _FAULTS:
+            parts.append(FAULT_LEGEND)
     parts += [
         f"![Both fronts]({figure})",
         "## Verdicts",
@@ -79,7 +82,8 @@ def to_json(validation: Validation, logs: Mapping[str, Path]) -> dict[str, Any]:
                 "log": str(log) if log else None,
             }
         )
-    return {"scenario": settings.scenario.to_dict(), "seeds": list(settings.seeds), "points": points}
+    content = {"scenario": settings.scenario.to_dict(), "seeds": list(settings.seeds), "points": points}
+    return content | ({"faults": _fault_facts(validation)} if validation.faults else {})
 
 
 def dumps(content: Mapping[str, Any]) -> str:
@@ -164,6 +168,50 @@ LEGEND = (
     "between velocity and command. Altitude: RMS error. J/m: energy of all rotors over the way of all drones."
 )
 """What the columns of the third table are."""
+
+
+_FAULTS = "Faults"
+
+FAULT_LEGEND = (
+    "Of each point the flights on bodies in which nothing was lost but the drone at fault, and how many others touched "
+    "something, on average. Each fault begins after a third of the flight; one that ends lasts another third. "
+    "Survived: no other drone was lost; unharmed: none touched anything."
+)
+"""What the cells of the last table are."""
+
+
+def _faults(validation: Validation) -> Words:
+    flights = validation.settings.fault_seeds
+    lost, touched = (validation.column(name)[:, :flights] for name in ("lost", "touched"))
+    rows = [("none", "", *_borne((lost == 0).sum(axis=1), flights, touched), "")]
+    for trial in validation.faults:
+        rows.append((trial.name, trial.text, *_borne(trial.survived, flights, trial.touched), trial.verdict))
+    return Words(_FAULTS, ("fault", "what", *validation.names, "all points"), rows)
+
+
+def _borne(survived: NDArray[np.int64], flights: int, touched: NDArray[Any]) -> list[str]:
+    pairs = zip(survived, touched.mean(axis=1), strict=True)
+    return [f"{count} of {flights}, {mean:.1f} touched" for count, mean in pairs]
+
+
+def _fault_facts(validation: Validation) -> dict[str, Any]:
+    return {
+        trial.name: {
+            "verdict": trial.verdict,
+            "points": {
+                name: {
+                    "flights": trial.lost.shape[1],
+                    "survived": int(trial.survived[number]),
+                    "others_lost": trial.lost[number].tolist(),
+                    "others_touched": trial.touched[number].tolist(),
+                    "F_1": trial.objectives[number, :, 0].tolist(),
+                    "F_2": trial.objectives[number, :, 1].tolist(),
+                }
+                for number, name in enumerate(validation.names)
+            },
+        }
+        for trial in validation.faults
+    }
 
 
 def _beside(bodies: NDArray[np.float64], point_masses: NDArray[np.float64], digits: int) -> list[str]:

@@ -20,7 +20,7 @@ from optimize.figures import save
 from optimize.tables import rich_table
 from optimize.validation import Settings, Validation, ValidationDirectory, fly_missing, gather, log_worst
 from optimize.validation_figures import fronts_figure
-from optimize.validation_page import FIGURE, LEGEND, dumps, page, tables, to_json, verdict_lines
+from optimize.validation_page import FAULT_LEGEND, FIGURE, LEGEND, dumps, page, tables, to_json, verdict_lines
 from optimize.verbs import flights_progress
 from optimize.verdict import UNSAFE
 
@@ -110,7 +110,7 @@ def print_validation(found: Validation, logs: Mapping[str, Path], path: Path) ->
     console = Console()
     for words in tables(found):
         console.print(rich_table(words))
-    for line in (LEGEND, *verdict_lines(found, logs)):
+    for line in (LEGEND, *[FAULT_LEGEND] * bool(found.faults), *verdict_lines(found, logs)):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"page: {path / PAGE}", highlight=False, soft_wrap=True)
 

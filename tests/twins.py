@@ -85,6 +85,8 @@ class SlowFlight:
     scenario: Scenario
     seed: int
     samples: list = field(default_factory=list)
+    last: dict = field(default_factory=dict)
+    cut_off: set = field(default_factory=set)
 
     def fly(self):
         scenario, n = self.scenario, self.scenario.drones
@@ -146,9 +148,7 @@ class SlowFlight:
 
     def _packet(self, i, time, x, v):
         """What drone i sends: position and velocity, or None."""
-        outages = acting(self.scenario, "gps_outage", i, time)
-        mute = acting(self.scenario, "silent", i, time) + acting(self.scenario, "switched_off", i, time)
-        if mute or any(time - outage.at > 5.0 + 1e-9 for outage in outages):
+        if acting(self.scenario, "silent", i, time) or acting(self.scenario, "switched_off", i, time):
             return None
         return x + np.append(self._jump(i, time), 0), v.copy()
 
@@ -156,15 +156,30 @@ class SlowFlight:
         return sum((np.array(fault.jump) for fault in acting(self.scenario, "gps_jump", i, time)), np.zeros(2))
 
     def _decide(self, i, time, x, v, own, sent, heard, draws):
-        scenario, hears = self.scenario, []
-        if acting(scenario, "gps_outage", i, time):
-            return np.zeros(2)
+        scenario, hears, arrived, missing = self.scenario, [], False, 0
         for j, packet in enumerate(heard):
-            arrives = np.linalg.norm(x[j] - x[i]) < scenario.r_comm and not acting(scenario, "blackout", i, time)
+            if j == i or np.linalg.norm(x[j] - x[i]) >= scenario.r_comm:
+                self.last.pop((i, j), None)
+                continue
+            arrives = packet is not None and not acting(scenario, "blackout", i, time)
             for share in (self._share(i, time), self._share(j, time)):
                 arrives = arrives and draws[j] >= share
-            if j != i and arrives and packet is not None and packet[0][2] > x[i, 2] - 5:
-                hears.append((packet[0][:2] + sent.g[j], packet[1][:2] + sent.h[j]))
+            if arrives:
+                self.last[i, j], arrived = (time, *packet), True
+            if (i, j) not in self.last:
+                continue
+            since, place, velocity = self.last[i, j]
+            if time - since > 1.0 + 1e-9:
+                missing += 1
+            elif place[2] > x[i, 2] - 5:
+                carried = place[:2] + (time - since) * velocity[:2]
+                hears.append((carried + sent.g[j], velocity[:2] + sent.h[j]))
+        if arrived:
+            self.cut_off.discard(i)
+        elif not hears and missing >= 2:
+            self.cut_off.add(i)
+        if acting(scenario, "gps_outage", i, time) or i in self.cut_off:
+            return np.zeros(2)
         reads = x[i, :2] + own.g[i] + self._jump(i, time)
         return desired_velocity(self.params, scenario, reads, v[i, :2] + own.h[i], hears)
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moflock_mj.errors import FleetError
 from moflock_mj.live_bodies import LiveBodies
@@ -29,6 +28,7 @@ from moflock_mj.mavlink.telemetry import Telemetry
 from moflock_mj.mavlink.vehicle import Phase, Vehicle
 from moflock_mj.randomness import Streams
 from moflock_mj.scenario import Scenario
+from moflock_mj.start import grid
 
 AUTOPILOTS: dict[str, type[Vehicle]] = {"ardupilot": ArduCopter, "px4": Px4}
 
@@ -231,7 +231,7 @@ class Fleet:
     def __init__(self, plan: FleetPlan, key: SigningKey | None = None) -> None:
         self.plan = plan
         streams = Streams.of(plan.seed)
-        places = _grid(plan.vehicles, plan.spacing)
+        places = grid(plan.vehicles, plan.spacing)
         step = plan.scenario.step_for("rigid_body")
         self._steps = round(TICK / step)
         if not math.isclose(self._steps * step, TICK):
@@ -351,13 +351,3 @@ def _body(pose: list[float], motion: list[float]) -> Body:
     quaternion: Any = tuple(turn)
     body_rates: Any = tuple(rates)
     return Body((x, y, z), (vx, vy, vz), quaternion, body_rates)
-
-
-def _grid(drones: int, spacing: float) -> NDArray[np.float64]:
-    """(N, 2), m: places in a square grid about the origin."""
-    columns = math.ceil(math.sqrt(drones))
-    rows = math.ceil(drones / columns)
-    numbers = np.arange(drones)
-    x = (numbers % columns - (columns - 1) / 2) * spacing
-    y = (numbers // columns - (rows - 1) / 2) * spacing
-    return np.stack((x, y), axis=1)

@@ -11,6 +11,7 @@ import numpy as np
 
 from controllers.flocking import FlockingParams
 from moflock_mj.airframes import load_airframe
+from moflock_mj.faults import KINDS
 from moflock_mj.flight import Flight, fly
 from moflock_mj.preflight.grades import FLOCK, Grade, Item, judged
 from moflock_mj.scenario import Scenario
@@ -67,7 +68,7 @@ def trial_items(flights: Sequence[Flight], scenario: Scenario) -> list[Item]:
     limits, airframe = scenario.verdict, load_airframe(scenario.airframe)
     bodies = [flight.body for flight in flights if flight.body]
     # Who falls by a scheduled fault is not held against the point.
-    fallen = len({fault.drone for fault in scenario.faults if fault.kind in ("rotor_loss", "switched_off")})
+    fallen = len({fault.drone for fault in scenario.faults if KINDS[fault.kind].falls})
     lost = max((body.lost for body in bodies), default=0)
     touching = sum(body.touched > 0 for body in bodies)
     least = max(limits.separation, 4 * airframe.radius)

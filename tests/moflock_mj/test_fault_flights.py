@@ -40,8 +40,14 @@ def outside(flight):
 
 
 def neighbours(flock, i):
-    sensed = flock.memory.sensed
-    return set(sensed.neighbours[i, : sensed.neighbour_count[i]].tolist())
+    """Those that drone i goes by, with how many ticks ago it heard them last: {number: ticks}."""
+    sensed, drones = flock.memory.sensed, flock.scenario.drones
+    columns = sensed.neighbours[i, : sensed.neighbour_count[i]].tolist()
+    return {column % drones: column // drones for column in columns}
+
+
+def heard_now(flock, i):
+    return {j for j, ticks in neighbours(flock, i).items() if ticks == 0}
 
 
 @pytest.mark.parametrize("changes", [{}, {"t_del": 0.3}, {"t_del": 0.0, "r_comm": 40.0}])
@@ -90,8 +96,8 @@ def test_a_drone_that_loses_gps_slows_and_holds_and_then_flies_on(dynamics):
     assert speed[250:400, [0, 1, 2, 4, 5, 6, 7, 8, 9]].mean() > 4.0
 
 
-def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it_for_a_while():
-    """V' = -v / tau, from v: it stops after v tau, and its packets of more than 5 s after are missing."""
+def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it():
+    """V' = -v / tau, from v: it stops after v tau."""
     scenario = PERFECT.replace(faults=(Fault(kind="gps_outage", at=10.0, drone=3),), arena_side=100.0)
     flock = Flock(POINT, scenario, "point_mass", 4)
     flock.fly(10.0)
@@ -99,12 +105,11 @@ def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it
     heard = []
     for _ in range(50):
         flock.fly(0.2)
-        heard.append(any(3 in neighbours(flock, i) for i in range(10)))
+        heard.append(any(3 in heard_now(flock, i) for i in range(10)))
     assert np.linalg.norm(velocity) > 1
     stopped = flock.memory.world.position[:2, 3] - place
     np.testing.assert_allclose(stopped, velocity * scenario.tau, rtol=2e-3)
-    # The tick at 16 s is the last to hear a packet, that of 15 s.
-    assert heard == [True] * 31 + [False] * 19
+    assert all(heard)
 
 
 @BOTH
@@ -115,7 +120,7 @@ def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
         truth.append(flock.memory.world.position[:2].copy())
         flock.fly(0.2)
         read.append(flock.memory.sensed.own_position.copy())
-        heard.append(flock.memory.sensed.heard_position.copy())
+        heard.append(flock.memory.sensed.heard_position[:, :10].copy())
     jumps = np.zeros((40, 2, 10))
     jumps[10:25, :, 1] = 5.0, -2.0
     told = np.array(truth) + jumps
@@ -124,17 +129,25 @@ def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
 
 
 @BOTH
-def test_a_silent_drone_is_heard_until_its_last_packet_arrives(dynamics):
+def test_a_silent_drone_is_heard_until_its_last_packet_arrives_and_then_kept_for_a_second(dynamics):
+    """What is kept is the last packet, carried on by its velocity."""
     scenario = PERFECT.replace(
         arena_side=60.0, start="spaced", faults=(Fault(kind="silent", at=4.0, lasts=3.0, drone=2),)
     )
-    flock, heard = Flock(POINT, scenario, dynamics, 1), []
+    flock, ticks, told = Flock(POINT, scenario, dynamics, 1), [], []
     for _ in range(50):
+        world = flock.memory.world
+        told.append((world.position[:2, 2].copy(), world.velocity[:2, 2].copy()))
         flock.fly(0.2)
-        heard.append({i for i in range(10) if 2 in neighbours(flock, i)})
-        assert len(neighbours(flock, 2)) == 9
-    everyone = set(range(10)) - {2}
-    assert heard == [everyone] * 25 + [set()] * 15 + [everyone] * 10
+        ticks.append([neighbours(flock, i).get(2) for i in range(10) if i != 2])
+        assert len(heard_now(flock, 2)) == 9
+        if 25 <= len(ticks) - 1 < 30:
+            age = ticks[-1][0]
+            place, velocity = told[19]  # the packet of 3.8 s, the last before it fell silent
+            carried = flock.memory.sensed.heard_position[:, 2 + 10 * age]
+            np.testing.assert_allclose(carried, place + age * 0.2 * velocity, rtol=0, atol=1e-9)
+    each = [0] * 25 + [1, 2, 3, 4, 5] + [None] * 10 + [0] * 10
+    assert ticks == [[tick] * 9 for tick in each]
 
 
 @BOTH
@@ -144,9 +157,29 @@ def test_a_blackout_deafens_one_and_all(dynamics):
     counts = []
     for _ in range(20):
         flock.fly(0.2)
-        counts.append(flock.memory.sensed.neighbour_count.copy())
+        counts.append([len(heard_now(flock, i)) for i in range(10)])
     np.testing.assert_array_equal(np.array(counts)[:, 0], [9] * 5 + [0] * 10 + [9] * 5)
     np.testing.assert_array_equal(np.array(counts)[:, 1:], np.repeat([[9] * 10 + [0] * 5 + [9] * 5], 9, axis=0).T)
+
+
+@BOTH
+def test_drones_that_are_cut_off_stop_and_hold_until_they_hear_again(dynamics):
+    """All of them a second after the blackout begins, when the last packets are too old."""
+    scenario = FLOCK.replace(duration=60.0, faults=(Fault(kind="blackout", at=20.0, lasts=20.0),))
+    flight = fly(POINT, scenario=scenario, dynamics=dynamics, seed=4)
+    speed = np.linalg.norm(flight.samples.velocity[..., :2], axis=2)
+    assert speed[150:200].mean() > 4.0
+    assert speed[270:400].mean() < 1.0
+    assert speed[500:].mean() > 4.0
+    assert (flight.samples.desired_velocity[205] != 0).any()
+    assert (flight.samples.status[-1] & 4 == 0).all()
+
+
+def test_a_drone_whose_only_neighbour_falls_silent_flies_on():
+    """It is the other's radio that may be broken."""
+    scenario = PERFECT.replace(drones=2, arena_side=60.0, faults=(Fault(kind="silent", at=2.0, drone=1),))
+    samples = fly(POINT, scenario=scenario, dynamics="point_mass", seed=1).samples
+    assert np.linalg.norm(samples.desired_velocity[40:, 0], axis=1).min() > 0
 
 
 @BOTH
@@ -155,8 +188,8 @@ def test_a_burst_loses_its_share_of_packets_each_way(dynamics):
     flock, hears, is_heard = Flock(POINT, PERFECT.replace(arena_side=60.0, faults=faults), dynamics, 1), [], []
     for _ in range(120):
         flock.fly(0.2)
-        hears.append(len(neighbours(flock, 0)))
-        is_heard.append(sum(0 in neighbours(flock, i) for i in range(1, 10)))
+        hears.append(len(heard_now(flock, 0)))
+        is_heard.append(sum(0 in heard_now(flock, i) for i in range(1, 10)))
     for counts in (hears, is_heard):
         assert counts[:10] == [9] * 10
         assert np.mean(counts[10:110]) == pytest.approx(9 * 0.75, abs=0.45)  # three deviations

@@ -10,8 +10,11 @@ import time
 import numpy as np
 import pytest
 
+from moflock_mj.faults import standard_faults
 from moflock_mj.points import dump_point, paper_point
 from moflock_mj.scenario import Scenario
+from optimize.evaluation import FIGURE_NAMES, Job, Task, infeasible
+from optimize.fault_trials import fault_trials
 from optimize.validation import Settings, ValidationDirectory, gather
 from optimize.validation_study import make_study
 from tests.optimize.test_commands import MOFLOCK, refused, run
@@ -34,14 +37,21 @@ def validated(tmp_path_factory):
     path = tmp_path_factory.mktemp("validate") / "run"
     point = path.parent / "mine.json"
     point.write_text(dump_point(paper_point("B")._replace(v_frict=1.0)))
-    done = run("validate", "A", point, "--seeds", 2, *TINY, "--out", path)
+    done = run("validate", "A", point, "--seeds", 2, "--fault-seeds", 1, *TINY, "--out", path)
     assert done.returncode == 0, done.stderr
     return path, done.stdout
 
 
 def test_all_that_was_promised_is_there(validated):
     path, printed = validated
-    for words in ("Objectives and verdicts", "All fitnesses", "Rigid bodies", "The front again", "mine: flyable"):
+    for words in (
+        "Objectives and verdicts",
+        "All fitnesses",
+        "Rigid bodies",
+        "The front again",
+        "switched_off",
+        "mine: flyable",
+    ):
         assert words in printed
     assert (path / "fronts.png").stat().st_size > 10_000
     assert "| mine |" in (path / "validation.md").read_text()
@@ -61,6 +71,8 @@ def test_the_numbers_are_those_of_the_flights(validated):
     assert first["rigid_body"]["F_1"]["mean"] == pytest.approx(np.mean([f["fitness"]["F_1"] for f in flights]))
     for name in ("tilt_max", "energy", "touched"):
         assert first["rigid_body"]["figures_of_each_flight"][name] == [f["body"][name] for f in flights]
+    assert list(told["faults"]) == list(standard_faults(Scenario()))
+    assert {trial["points"][name]["flights"] for trial in told["faults"].values() for name in ("A", "mine")} == {1}
     gap = first["rigid_body"]["F_1"]["mean"] - first["point_mass"]["F_1"]["mean"]
     assert first["gap"]["F_1"]["mean"] == pytest.approx(gap)
 
@@ -70,7 +82,7 @@ def test_a_killed_validation_resumes_to_the_numbers_of_one_never_killed(validate
     path = tmp_path / "killed"
     point = whole.parent / "mine.json"
     process = subprocess.Popen(
-        [MOFLOCK, "validate", "A", point, "--seeds", "2", *TINY, "--out", path, "--no-logs"],
+        [MOFLOCK, "validate", "A", point, "--seeds", "2", "--fault-seeds", "1", *TINY, "--out", path, "--no-logs"],
         stdout=subprocess.DEVNULL,
     )
     while process.poll() is None:
@@ -99,6 +111,24 @@ def test_a_directory_comes_back(validated):
     assert (found.column("energy") > 0).all()
 
 
+def test_what_a_fault_brings_down_by_itself_is_not_lost_to_others():
+    """One drone lost: the one that was switched off, but by a blackout an innocent one."""
+    scenario = Scenario(drones=5)
+    faults = {name: standard_faults(scenario)[name] for name in ("switched_off", "blackout")}
+    job, task = Job(scenario=scenario, dynamics="rigid_body"), Task(0, paper_point("A"), (1,))
+    one, three, failed = (infeasible(job, task, "as for a test") for _ in range(3))
+    for flown, lost in ((one, 1), (three, 3)):
+        flown.figures[0] = 0.0
+        flown.figures[0, FIGURE_NAMES.index("lost")] = lost
+    switched_off, blackout = fault_trials(faults, [one, three, failed] * 2, points=1, seeds=3)
+    assert switched_off.lost.tolist() == [[0, 2, 4]]
+    assert blackout.lost.tolist() == [[1, 3, 5]]
+    assert (switched_off.survived.tolist(), blackout.survived.tolist()) == ([1], [0])
+    assert [trial.verdict for trial in (switched_off, blackout)] == ["not survived"] * 2
+    (alone,) = fault_trials({"switched_off": faults["switched_off"]}, [one], points=1, seeds=1)
+    assert alone.verdict == "unharmed"
+
+
 def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
     scenario = Scenario(drones=3, duration=1.0)
     for _ in range(2):
@@ -115,6 +145,7 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
         (("validate",), "points: there is none"),
         (("validate", "C"), "point C: unknown; it must be one of"),
         (("validate", "A", "A"), "point A: it is given twice"),
+        (("validate", "A", "--seeds", 2, "--fault-seeds", 3), "fault_seeds: 3 is out of bounds"),
         (("validate", "{tmp}/none.json"), "none.json"),
         (("validate", "{tmp}/none"), "a search's directory"),
         (("validate", "{tmp}"), "configuration.json"),

@@ -1,0 +1,1 @@
+"""Real autopilot programs on our rigid bodies: their motors move them, our sensors tell them."""
