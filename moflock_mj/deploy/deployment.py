@@ -180,11 +180,11 @@ async def deploy(
         clock = asyncio.get_running_loop().time
         with Record(plan.log, plan.params, plan.scenario, members, clock, metadata, say) as record:
             flock = Controller(plan.params, plan.scenario, members, ground, plan.dogs, record)
-            ground.observers.append(record.packet)
             ground.check_ids()
             flight = _Flight(plan, flock, record, members)
             wishes.in_flight = True
-            await flight.fly(wishes)
+            with ground.observed_by(record.packet):
+                await flight.fly(wishes)
             figures = record.figures(flock)
             record.finish(figures, flight.error)
         return Deployed(

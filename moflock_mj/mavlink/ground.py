@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from moflock_mj.errors import LinkError
@@ -171,6 +171,15 @@ class Ground:
             ids = ", ".join(map(str, sorted(self.vehicles)))
             raise LinkError(f"vehicles: {found} heard (system ids {ids}); it must be {count}")
         return [self.vehicles[system] for system in sorted(self.vehicles)]
+
+    @contextlib.contextmanager
+    def observed_by(self, observer: Callable[[Traffic], None]) -> Iterator[None]:
+        """Tell somebody of every packet, for as long as this lasts."""
+        self.observers.append(observer)
+        try:
+            yield
+        finally:
+            self.observers.remove(observer)
 
     def check_ids(self) -> None:
         """Refuse a flock in which somebody speaks in another's name.
