@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from controllers.flocking import FlockingParams
-from moflock_mj.errors import CheckFailedError, ReportError
+from moflock_mj.errors import ReportError
 from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight.live import checked_vehicle
@@ -61,7 +61,7 @@ def require_permission(
     """The first report that allows to deploy this point in this scenario with these vehicles.
 
     Raises:
-        CheckFailedError: the one that is of them says that a check failed.
+        CheckFailedError: the newest one that is of them says that a check failed.
         ReportError: none is of them, or recent.
     """
     there = [checked_vehicle(vehicle) for vehicle in vehicles]
@@ -71,8 +71,6 @@ def require_permission(
         try:
             refuse_unless_fit(report, params=params, scenario=scenario, vehicles=there, now=now, age_max=age_max)
         except ReportError as problem:
-            if not report.verdict.is_good and first is None:
-                raise CheckFailedError(str(problem)) from None
             first = first or problem
         else:
             return report

@@ -21,7 +21,7 @@ from typing import Annotated
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from controllers.flocking import FlockingParams
-from moflock_mj.errors import MoflockError, PointError, ReportError
+from moflock_mj.errors import CheckFailedError, MoflockError, PointError, ReportError
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.new_file import new_file
 from moflock_mj.points import check_point
@@ -174,18 +174,9 @@ def refuse_unless_fit(
         age_max: s.
 
     Raises:
-        ReportError: it failed, is of another point, scenario or set of vehicles, or is too old.
+        ReportError: it is of another point, scenario or set of vehicles, or too old.
+        CheckFailedError: it is of this deployment, and something failed.
     """
-    failed = [item for item in report.items if not item.grade.is_good]
-    if not report.items:
-        raise ReportError("report: nothing was checked")
-    if failed:
-        first = failed[0]
-        more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
-        raise ReportError(f"report: {report.verdict}: {first.about}: {first.name}{more}")
-    age = (now - report.time).total_seconds()
-    if not -_CLOCKS_APART <= age <= age_max:
-        raise ReportError(f"report: {age:.0f} s old: it must be at most {age_max:g} s")
     if report.params() != params:
         name = next(name for name in FlockingParams._fields if report.point[name] != getattr(params, name))
         raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {getattr(params, name):g}")
@@ -194,8 +185,12 @@ def refuse_unless_fit(
         raise ReportError("report: without a live part: preflight must have seen the vehicles (--vehicles)")
     checked, there = ({(v.system, v.autopilot, v.uid) for v in group} for group in (report.vehicles, vehicles))
     if checked != there:
-        ids = [", ".join(str(v[0]) for v in sorted(group)) for group in (checked, there)]
+        ids = [", ".join(str(v[0]) for v in sorted(group)) or "none" for group in (checked, there)]
         raise ReportError(f"report: of other vehicles: system ids {ids[0]} were checked, {ids[1]} are there")
+    age = (now - report.time).total_seconds()
+    if not -_CLOCKS_APART <= age <= age_max:
+        raise ReportError(f"report: {age:.0f} s old: it must be at most {age_max:g} s")
+    _refuse_failed(report)
 
 
 def newest_report(folder: Path) -> Path:
@@ -233,6 +228,16 @@ def _text_of(path: Path) -> str:
     if len(content) > _LARGEST_FILE:
         raise ReportError(f"report {path}: it must be at most {_LARGEST_FILE} bytes")
     return content.decode()
+
+
+def _refuse_failed(report: Report) -> None:
+    if not report.items:
+        raise ReportError("report: nothing was checked")
+    failed = [item for item in report.items if not item.grade.is_good]
+    if failed:
+        first = failed[0]
+        more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
+        raise CheckFailedError(f"report: {report.verdict}: {first.about}: {first.name}{more}")
 
 
 def _refuse_other_scenario(report: Report, scenario: Scenario) -> None:

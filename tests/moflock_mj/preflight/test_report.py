@@ -9,7 +9,7 @@ import os
 import pytest
 
 from moflock_mj import Scenario, paper_point
-from moflock_mj.errors import MoflockError, ReportError
+from moflock_mj.errors import CheckFailedError, MoflockError, ReportError
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight import report as report_module
 from moflock_mj.preflight.grades import Grade, Item
@@ -91,8 +91,16 @@ def test_a_report_comes_back_and_allows_its_deployment(path, key):
     ],
 )
 def test_a_report_allows_no_other_deployment(changes, asked, words):
-    with pytest.raises(ReportError, match=words):
+    with pytest.raises((ReportError, CheckFailedError), match=words):
         refuse(report_of(**changes), **asked)
+
+
+def test_that_a_check_failed_is_said_of_the_deployment_that_it_is_of_alone():
+    failed = report_of(items=(GOOD.model_copy(update={"grade": Grade.FAILURE}),))
+    with pytest.raises(CheckFailedError):
+        refuse(failed)
+    with pytest.raises(ReportError, match="another point"):
+        refuse(failed, params=POINT._replace(p_rep=0.5))
 
 
 def edited(text, old, new):

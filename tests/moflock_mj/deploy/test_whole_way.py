@@ -1,0 +1,73 @@
+"""Thirty vehicles from their first check to their landing."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import time
+
+import pytest
+
+from moflock_mj import Scenario, load_point
+from moflock_mj.deploy.deployment import DeployPlan, Wishes, deploy
+from moflock_mj.deploy.member import Stage
+from moflock_mj.deploy.permission import require_permission
+from moflock_mj.errors import CheckFailedError
+from moflock_mj.preflight.live import LivePlan, inspect
+from moflock_mj.preflight.report import Report
+from tests.moflock_mj.mavlink import simulated_time
+from tests.moflock_mj.mavlink.ground_station import fleet_of
+from tests.moflock_mj.mavlink.simulated_time import Wires, connections_to, flying
+
+SCENARIO = Scenario(drones=30, arena_side=300.0, duration=60.0, altitude=10.0, t_del=0.2)
+POINT = load_point("knee")
+
+
+def report_of(seen):
+    return Report(
+        time=datetime.datetime.now(datetime.UTC), signed_off_by="Ada", version="", commit="", point=POINT._asdict(),
+        point_name="knee", scenario=json.loads(json.dumps(SCENARIO.to_dict())), seeds=(), vehicles=seen.vehicles,
+        items=(*seen.items, *seen.batteries(None)), changes=seen.changes,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_thirty_vehicles_are_checked_put_right_flown_and_landed(autopilot, tmp_path):
+    fleet = fleet_of(autopilot, vehicles=30, scenario=SCENARIO, spacing=12.0)
+    connections, nearest = connections_to(fleet), []
+
+    def watch():
+        if len(nearest) % 10 == 0 and all(station.vehicle.body.position[2] > 2 for station in fleet.stations):
+            pass
+
+    async def play():
+        look = LivePlan(scenario=SCENARIO, connections=connections)
+        plan = DeployPlan(
+            params=POINT, scenario=SCENARIO, connections=connections, interval=0.3, log=tmp_path / "a.mcap"
+        )
+        async with flying(fleet, watch):
+            before = report_of(await inspect(look, None))
+
+            async def forbidden(vehicles, _):
+                require_permission([before], POINT, SCENARIO, vehicles)
+
+            with pytest.raises(CheckFailedError):
+                await deploy(plan, None, Wishes(), check=forbidden)
+            assert not any(station.vehicle.armed for station in fleet.stations)
+            after = report_of(await inspect(LivePlan(**vars(look) | {"fix": True}), None))
+
+            async def permitted(vehicles, _):
+                require_permission([after, before], POINT, SCENARIO, vehicles)
+
+            return after, await deploy(plan, None, Wishes(), check=permitted)
+
+    began = time.process_time()
+    with Wires().used():
+        report, deployed = simulated_time.run(play())
+    share = (time.process_time() - began) / fleet.time
+    assert report.verdict == "pass"
+    assert deployed.error is None
+    assert set(deployed.stages) == {Stage.DOWN}
+    assert not any(station.vehicle.armed for station in fleet.stations)
+    assert deployed.figures.flocked == pytest.approx(60.0, abs=0.2)
+    print(share, deployed.figures)
