@@ -79,7 +79,8 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
             [
                 "# The front on physics",
                 f"Written by `make physics`: {scenario.drones} drones ({scenario.airframe}), {scenario.duration:g} s, "
-                f"{len(fronts.plain)} searches of each kind with {flights} flights of bodies each. {calibrated}"
+                f"{len(fronts.plain)} search{'es' * (len(fronts.plain) > 1)} of each kind with {flights} flights of "
+                f"bodies each. {calibrated}"
                 f"A screened search has {screening_flights} flights on point masses besides. All points were flown "
                 f"again on bodies on {seeds} fresh seeds, the same for all. Where there are several searches of a "
                 "kind, figures are means over them.",

@@ -158,7 +158,7 @@ class _Inspector:
         origin = self._origin()
         if origin is None:
             items = self._readiness(None, Grade.FAILURE)
-            return self._inspection(items, [], [None] * len(self._vehicles))
+            return self._inspection(items, [], [(None, 0.0)] * len(self._vehicles))
         # A vehicle that still had no position when it was first asked sent none; that is not its link's fault.
         self._positions.clear()
         began = self._loop.time()
@@ -175,9 +175,11 @@ class _Inspector:
             items += link_items(vehicle, self._scenario, self._positions[vehicle.system] / seconds)
             items += settings_items(vehicle, style, self._needs(number, origin), settings[number], self._scenario)
         items += self._flock(origin, settings)
-        return self._inspection(items, changes, [found.capacity for found in settings])
+        return self._inspection(items, changes, [(found.capacity, found.low) for found in settings])
 
-    def _inspection(self, items: list[Item], changes: list[str], capacities: Sequence[float | None]) -> Inspection:
+    def _inspection(
+        self, items: list[Item], changes: list[str], packs: Sequence[tuple[float | None, float]]
+    ) -> Inspection:
         trips = [vehicle.link.round_trip for vehicle in self._vehicles]
         vehicles = self._vehicles
         return Inspection(
@@ -186,7 +188,8 @@ class _Inspector:
             changes=tuple(changes),
             link_delay=max((trip / 2 for trip in trips if math.isfinite(trip)), default=0.0),
             batteries=lambda energy: [
-                battery_item(vehicle, capacity, energy) for vehicle, capacity in zip(vehicles, capacities, strict=True)
+                battery_item(vehicle, capacity, energy, low=low)
+                for vehicle, (capacity, low) in zip(vehicles, packs, strict=True)
             ],
         )
 

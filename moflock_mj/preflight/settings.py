@@ -11,6 +11,7 @@ from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.fence import Circle, FenceError, Polygon, breaches, read_fence
 from moflock_mj.mavlink.geodesy import Origin
 from moflock_mj.mavlink.orders import FenceItem, download_fence, read_parameter, set_parameter, upload_fence
+from moflock_mj.mavlink.parameters import Parameter
 from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.preflight.grades import Grade, Item, judged
 from moflock_mj.preflight.vehicle_items import about
@@ -25,6 +26,7 @@ _LAYERS, _LAYER = 90.0, 3.0
 """m, over which the return altitudes of a flock are spread, and by how much each differs at most."""
 _TRIES = 2
 _CAPACITY = {"ardupilot": "BATT_CAPACITY", "px4": "BAT1_CAPACITY"}
+_LOW = {"ardupilot": "BATT_LOW_MAH", "px4": "BAT_LOW_THR"}
 _LOOKS = 25
 """Along each side of the arena, places at which a fence must allow to be."""
 _FIX = "run preflight with --fix, or set it yourself"
@@ -38,11 +40,13 @@ class Settings:
         values: by parameter name; those that it has.
         shapes: of its fence, in the world; None if the fence is none or cannot be read.
         capacity: mAh, of its battery; None: unknown.
+        low: share of the charge at which its own failsafe acts; 0: unknown, or by voltage alone.
     """
 
     values: dict[str, float]
     shapes: tuple[Polygon | Circle, ...] | None
     capacity: float | None
+    low: float = 0.0
 
 
 def needs_of(vehicle: RemoteVehicle, place: int, count: int, origin: Origin, scenario: Scenario) -> Needs:
@@ -78,6 +82,7 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
                 values[name] = found.value
                 break
     capacity = await read_parameter(vehicle, _CAPACITY[autopilot], tries=_TRIES)
+    low = await read_parameter(vehicle, _LOW[autopilot], tries=_TRIES)
     try:
         items = [
             types.SimpleNamespace(
@@ -88,7 +93,16 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
         shapes = read_fence(items, origin)
     except (FenceError, OrderError):
         shapes = None
-    return Settings(values=values, shapes=shapes, capacity=capacity.value if capacity else None)
+    full = capacity.value if capacity else None
+    return Settings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
+
+
+def _low_share(autopilot: str, low: Parameter | None, capacity: float | None) -> float:
+    """ArduPilot counts mAh that are left, PX4 a share."""
+    if low is None or (autopilot == "ardupilot" and not capacity):
+        return 0.0
+    share = low.value / capacity if autopilot == "ardupilot" and capacity else low.value
+    return share if 0 <= share <= 1 else 0.0
 
 
 def settings_items(
@@ -139,17 +153,12 @@ def _known(want: Wanted, values: dict[str, float]) -> str | None:
 
 
 def _parameter_item(vehicle: RemoteVehicle, want: Wanted, values: dict[str, float]) -> Item | None:
+    if not want.why:
+        return None  # judged over the flock
     name = _known(want, values)
     if name is None:
         advice = f"it does not know {' or '.join(want.names)}: is it the firmware that this is for?"
-        grade = want.missing
-        return (
-            Item(name=want.names[0], about=about(vehicle), grade=grade, limit=want.limit, advice=advice)
-            if (grade is not Grade.OFF)
-            else None
-        )
-    if not want.why:
-        return None  # judged over the flock
+        return Item(name=want.names[0], about=about(vehicle), grade=want.missing, limit=want.limit, advice=advice)
     return judged(
         name, about(vehicle), good=want.holds(values[name]), value=values[name], limit=want.limit,
         advice=f"{want.why}: {_FIX}", otherwise=want.otherwise,

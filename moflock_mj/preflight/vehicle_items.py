@@ -93,19 +93,21 @@ def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float)
     ]  # fmt: skip
 
 
-def battery_item(vehicle: RemoteVehicle, capacity: float | None, energy: float | None) -> Item:
+def battery_item(vehicle: RemoteVehicle, capacity: float | None, energy: float | None, *, low: float = 0.0) -> Item:
     """Whether the battery is enough for the flight and a reserve.
 
     Args:
         vehicle: as heard.
         capacity: mAh, of the full battery, as its parameters tell; None or 0: unknown.
         energy: J, that one drone took in the flights that were flown; None if none were.
+        low: share of the charge at which its own failsafe acts.
     """
     status = vehicle.message("SYS_STATUS")
     volts = status.voltage_battery / 1e3 if status is not None and 0 < status.voltage_battery < 65535 else None
     known = capacity and volts and energy
-    need = energy / (capacity * 3.6 * volts) + _RESERVE if known else _UNKNOWN_NEED  # type: ignore[operator]
-    basis = f"{100 * (need - _RESERVE):.0f} % for the flight" if known else "half, of an unknown capacity"
+    reserve = max(_RESERVE, low)
+    need = energy / (capacity * 3.6 * volts) + reserve if known else max(_UNKNOWN_NEED, low)  # type: ignore[operator]
+    basis = f"{100 * (need - reserve):.0f} % for the flight" if known else "half, of an unknown capacity"
     share = vehicle.battery
     if share is None:
         return Item(
@@ -114,7 +116,7 @@ def battery_item(vehicle: RemoteVehicle, capacity: float | None, energy: float |
         )  # fmt: skip
     return judged(
         "battery", about(vehicle), good=share >= need, value=100 * share, unit="%",
-        limit=f"at least {100 * need:.0f} %: {basis} and {100 * _RESERVE:.0f} % left", advice="charge or change it",
+        limit=f"at least {100 * need:.0f} %: {basis} and {100 * reserve:.0f} % left", advice="charge or change it",
     )  # fmt: skip
 
 

@@ -53,7 +53,7 @@ class Wanted(NamedTuple):
     limit: str
     why: str
     otherwise: Grade = Grade.FAILURE
-    missing: Grade = Grade.OFF
+    missing: Grade = Grade.WARNING
 
 
 def wanted_parameters(autopilot: str, needs: Needs) -> list[Wanted]:
@@ -132,7 +132,7 @@ def _one_of(
     limit: str,
     why: str,
     otherwise: Grade = Grade.FAILURE,
-    missing: Grade = Grade.OFF,
+    missing: Grade = Grade.WARNING,
 ) -> Wanted:
     return Wanted(names, lambda value: value in good, good[0], limit, why, otherwise, missing)
 
