@@ -34,7 +34,7 @@ PORT = 8765
 """Where Foxglove and Lichtblick look for a server."""
 
 _STILL = ("/scene", "/arena")
-_SILENT = "/sim/state"
+_SILENT = ("/sim/state", "/mavlink")
 
 
 class LiveServer:
@@ -72,7 +72,7 @@ class LiveServer:
         self._channels = {
             topic: _channel(foxglove, context, topic, message)
             for topic, message in CHANNELS.items()
-            if topic != _SILENT
+            if topic not in _SILENT
         }
         self._newcomers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._server = _start(foxglove, context, port, _Greeter(self._newcomers))

@@ -26,7 +26,8 @@ def flock_of(scenario, seed=1):
 def rotors_off(flock):
     """Let every drone fall: no thrust now, and none that it could ask for."""
     plant = flock.body.plant
-    flock.stages = flock.stages._replace(plant=plant._replace(gains=plant.gains._replace(thrust_max=0.0)))
+    weak = plant.gains._replace(thrust_max=0.0)
+    flock.stages = flock.stages._replace(plant=plant._replace(gains=weak, pilot=weak))
     plant.thrust[:] = 0
 
 

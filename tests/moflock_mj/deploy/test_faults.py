@@ -192,7 +192,7 @@ def packets_of(path):
 
 
 def test_order_parameters_are_within_the_spread_of_simulated_flights():
-    scenario = Scenario(drones=6, arena_side=160.0, duration=40.0, warm_up=12.0, altitude=5.0, t_del=0.0)
+    scenario = Scenario(drones=6, arena_side=240.0, duration=60.0, warm_up=12.0, altitude=5.0, t_del=0.0)
     flights = [fly(load_point("knee"), scenario=scenario, seed=seed, keep_samples=False) for seed in range(1, 9)]
     flown = np.array([flight.order_parameters for flight in flights])
     deployed, _, _ = rehearse(scenario, autopilot="px4", fleet={"spacing": 12.0})
