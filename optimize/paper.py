@@ -35,7 +35,7 @@ from optimize.paper_page import Single, Study, named_points, page
 from optimize.pca import Agreement, agreement, components_json, grouped_by_sign, study
 from optimize.report import write_report
 from optimize.search import search
-from optimize.verbs import flights_progress
+from optimize.terminal import flights_progress
 
 NAMED_POINTS = Path(__file__).parent.parent / "moflock_mj" / "named_points"
 """Where `moflock_mj.points` finds the project's own points."""

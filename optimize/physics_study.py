@@ -32,8 +32,8 @@ from optimize.front import FlownFront, candidates, fly_front, load_front
 from optimize.objectives import PAPER
 from optimize.physics_page import Fronts, fronts_figure, page
 from optimize.search import search
-from optimize.terminal import search_progress
-from optimize.verbs import crews, flights_progress
+from optimize.terminal import flights_progress, search_progress
+from optimize.verbs import crews
 
 
 class Effort(NamedTuple):

@@ -29,7 +29,7 @@ from optimize.sensitivity import OneAtATime, SobolIndices, check_counts, one_at_
 from optimize.sensitivity_figures import one_at_a_time_figure, sobol_figure, sweep_figure
 from optimize.statistics import half_width
 from optimize.tables import Words, rich_table
-from optimize.verbs import flights_progress
+from optimize.terminal import flights_progress
 
 
 def sensitivity(

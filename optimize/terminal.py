@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from optimize.configuration import Configuration
+from optimize.fly_points import Told as FlightsTold
 from optimize.front import FlownFront
 from optimize.search import Progress as Told
 from optimize.search import SearchProgress, SearchResult
@@ -48,6 +49,21 @@ def search_progress(configuration: Configuration) -> Iterator[Told]:
             )
 
         yield told
+
+
+@contextlib.contextmanager
+def flights_progress(what: str) -> Iterator[FlightsTold]:
+    """A progress bar on stderr, if that is a terminal: flights, and time left."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} flights"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
 def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str:

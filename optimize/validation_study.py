@@ -28,11 +28,11 @@ from optimize.fly_points import FlownPoints, fly_points
 from optimize.objectives import PAPER
 from optimize.statistics import half_width
 from optimize.tables import Words, markdown
+from optimize.terminal import flights_progress
 from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, ValidationDirectory, make_settings
 from optimize.validation_figures import fronts_figure
 from optimize.validation_page import page
 from optimize.validation_verbs import crews, validated, write
-from optimize.verbs import flights_progress
 
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
 

@@ -18,10 +18,10 @@ from optimize import identification_page
 from optimize.executor import Executor, make_executor
 from optimize.figures import save
 from optimize.tables import rich_table
+from optimize.terminal import flights_progress
 from optimize.validation import Settings, Validation, ValidationDirectory, fly_missing, gather, log_worst
 from optimize.validation_figures import fronts_figure
 from optimize.validation_page import FAULT_LEGEND, FIGURE, LEGEND, dumps, page, tables, to_json, verdict_lines
-from optimize.verbs import flights_progress
 from optimize.verdict import UNSAFE
 
 PAGE, JSON, LOGS = "validation.md", "validation.json", "logs"

@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from moflock_mj.bounds import Bounds
@@ -25,29 +24,20 @@ from optimize.executor import Executor, make_executor
 from optimize.figures import components_figure, save
 from optimize.findings import flown_front, gather
 from optimize.flight_figures import target_figure
-from optimize.fly_points import Told
 from optimize.front import SEEDS, FlownFront, choose, point_json
 from optimize.objectives import Objectives
 from optimize.pca import Agreement, PrincipalComponents, agreement, components_json, grouped_by_sign, study
 from optimize.reference import FIRST_COMPONENT
 from optimize.report import write_report
 from optimize.search import search
-from optimize.terminal import front_summary, objectives_line, print_search, search_progress, search_summary
-
-
-@contextlib.contextmanager
-def flights_progress(what: str) -> Iterator[Told]:
-    """A progress bar on stderr, if that is a terminal: flights, and time left."""
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} flights"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
+from optimize.terminal import (
+    flights_progress,
+    front_summary,
+    objectives_line,
+    print_search,
+    search_progress,
+    search_summary,
+)
 
 
 def pca(

@@ -58,7 +58,7 @@ def _defaults(system: int) -> dict[str, Parameter]:
         "FENCE_ACTION": Parameter(INT8, 1),
         "FENCE_ALT_MAX": Parameter(REAL32, 100.0),
         "FENCE_ALT_MIN": Parameter(REAL32, -10.0),
-        "FENCE_RADIUS": Parameter(REAL32, 150.0),
+        "FENCE_RADIUS": Parameter(REAL32, 300.0),
         "FENCE_MARGIN": Parameter(REAL32, 2.0),
         "FENCE_TOTAL": Parameter(INT8, 0),
         "FS_GCS_ENABLE": Parameter(INT8, 0),

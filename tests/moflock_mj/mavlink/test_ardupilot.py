@@ -157,7 +157,7 @@ def test_integers_travel_as_the_floats_value(station):
     station.send(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_ACTION", 300.0, 9))
     assert station.vehicle.parameters["FENCE_ACTION"] == 127
     station.send(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_RADIUS", float("nan"), 9))
-    assert station.latest("PARAM_VALUE").param_value == 150.0
+    assert station.latest("PARAM_VALUE").param_value == 300.0
 
 
 def test_an_unknown_mode_and_a_mode_without_a_position_are_refused(station):

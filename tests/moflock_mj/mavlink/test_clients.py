@@ -142,7 +142,7 @@ def test_mavproxy_flies_ardupilot(tmp_path):
         master = f"udpout:{endpoints['vehicles'][0]['udp']}"
         with running_proxy(master, tmp_path) as proxy:
             proxy.expect(r"Received \d+ parameters", seconds=60)
-            proxy.expect(r"FENCE_RADIUS\s+150", "param show FENCE_*")
+            proxy.expect(r"FENCE_RADIUS\s+300", "param show FENCE_*")
             proxy.expect(r"(?i)sent all 4 fence items|loaded 4", "fence load fence.txt")
             proxy.expect(r"5001|Polygon", "fence list")
             proxy.expect(r"DO_SET_MODE: ACCEPTED", "mode GUIDED")
