@@ -14,7 +14,7 @@ import typer
 
 from moflock_mj.errors import MoflockError
 from moflock_mj.gl import do_without_gl
-from moflock_mj.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario, refuse_options
+from moflock_mj.options import AsJson, Count, Drones, Dynamics, KeyFile, ScenarioFile, given_scenario, refuse_options
 from moflock_mj.preflight.commands import commands as preflight_commands
 from optimize.commands import commands as search_commands
 from optimize.validation_commands import commands as validation_commands
@@ -224,7 +224,7 @@ def fleet_command(
     airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
     fault: Annotated[list[str] | None, typer.Option(help="A fault; may be given several times.")] = None,
     faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[fault]] each.")] = None,
-    key_file: Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")] = None,
+    key_file: KeyFile = None,
     physics_for: Annotated[Autopilot | None, typer.Option(help="Be the physics of real autopilots.")] = None,
     autopilot_command: Annotated[
         str | None,
@@ -308,7 +308,7 @@ def deploy_command(
     vehicles: Annotated[str, typer.Option(help="Where they are, such as udp:127.0.0.1:14600-14609.")],
     scenario: ScenarioFile = None,
     duration: Annotated[float | None, typer.Option(help="Seconds in the flock; by default the scenario's.")] = None,
-    count: Annotated[int | None, typer.Option(help="Vehicles; by default one on each link.", min=1)] = None,
+    count: Count = None,
     autopilot: Annotated[Autopilot | None, typer.Option(help="What all must be.")] = None,
     finish: Annotated[Finish, typer.Option(help="How it ends.")] = Finish.LAND,
     origin: Annotated[
@@ -322,7 +322,7 @@ def deploy_command(
     watchdog: Annotated[list[str] | None, typer.Option(help="NAME=LIMIT:ACTION; may be given several times.")] = None,
     interval: Annotated[float, typer.Option(help="Seconds between two take-offs.", min=0.0, max=60.0)] = 1.0,
     timeout: Annotated[float, typer.Option(help="Seconds to wait for the vehicles.", min=0.0, max=600.0)] = 10.0,
-    key_file: Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")] = None,
+    key_file: KeyFile = None,
     log: Annotated[str | None, typer.Option(help="MCAP file, or none; by default a new file in logs/.")] = None,
     as_json: AsJson = False,
 ) -> int:

@@ -25,6 +25,8 @@ class Dynamics(enum.StrEnum):
 ScenarioFile = Annotated[Path | None, typer.Option("--scenario", help="TOML file; what it leaves out is the paper's.")]
 Drones = Annotated[int | None, typer.Option(help="Number of drones.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+KeyFile = Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")]
+Count = Annotated[int | None, typer.Option(help="Vehicles; by default one on each link.", min=1)]
 
 
 def given_scenario(path: Path | None, **changes: Any) -> Scenario:

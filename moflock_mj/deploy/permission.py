@@ -14,9 +14,9 @@ from moflock_mj.preflight.live import checked_vehicle
 from moflock_mj.preflight.report import (
     AGE_MAX,
     Report,
-    newest_report,
     read_report,
     refuse_unless_fit,
+    reports_in,
 )
 from moflock_mj.scenario import Scenario
 
@@ -37,10 +37,8 @@ def candidates(path: Path | None, key: SigningKey | None) -> list[Report]:
     """
     if path is not None:
         return [read_report(path, key)]
-    newest = newest_report(_FOLDER)
-    found = sorted(_FOLDER.glob(f"{newest.name.split('-')[0]}-*.json"), reverse=True)[:_READ_MAX]
     reports, problems = [], []
-    for each in found:
+    for each in reports_in(_FOLDER)[:_READ_MAX]:
         try:
             reports.append(read_report(each, key))
         except ReportError as problem:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from moflock_mj.errors import ReportError
-from moflock_mj.options import AsJson, Drones, ScenarioFile, given_scenario
+from moflock_mj.options import AsJson, Count, Drones, KeyFile, ScenarioFile, given_scenario
 
 commands = typer.Typer()
 
@@ -36,7 +36,7 @@ def preflight_command(
     flights: Annotated[int, typer.Option(help="Flights on rigid bodies.", min=0, max=1000)] = _FLIGHTS,
     seed: Annotated[int, typer.Option(help="Of the first flight.", min=0)] = 1,
     vehicles: Annotated[str | None, typer.Option(help="Where they are, as below.")] = None,
-    count: Annotated[int | None, typer.Option(help="Vehicles; by default one on each link.", min=1)] = None,
+    count: Count = None,
     autopilot: Annotated[str | None, typer.Option(help="What all must be: ardupilot or px4.")] = None,
     origin: Annotated[
         str | None, typer.Option(help="LAT,LON of the arena's middle; by default the homes' mean.")
@@ -44,7 +44,7 @@ def preflight_command(
     fix: Annotated[bool, typer.Option("--fix", help="Put parameters and fences right.")] = False,
     wait: Annotated[float, typer.Option(help="Seconds for estimators to become ready.", min=0, max=3600)] = 60.0,
     timeout: Annotated[float, typer.Option(help="Seconds for vehicles to be heard.", min=0.1, max=600)] = 10.0,
-    key_file: Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")] = None,
+    key_file: KeyFile = None,
     signed_off_by: Annotated[str | None, typer.Option(help="Who answers for it; by default the user.")] = None,
     out: Annotated[Path | None, typer.Option(help="Report; a new file in logs/ if absent.")] = None,
     everything: Annotated[bool, typer.Option("--all", help="Print what passed, too.")] = False,

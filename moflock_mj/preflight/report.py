@@ -193,16 +193,16 @@ def refuse_unless_fit(
     _refuse_failed(report)
 
 
-def newest_report(folder: Path) -> Path:
-    """The newest report of a folder, by the time in its name.
+def reports_in(folder: Path) -> list[Path]:
+    """The reports of a folder, the newest first, by the time in their names.
 
     Raises:
         ReportError: there is none.
     """
-    found = sorted(folder.glob(f"{_PREFIX}*.json"))
+    found = sorted(folder.glob(f"{_PREFIX}*.json"), reverse=True)
     if not found:
         raise ReportError(f"report: none in {folder}: run moflock preflight with --vehicles first")
-    return found[-1]
+    return found
 
 
 def default_path(folder: Path, point_name: str, time: datetime.datetime) -> Path:

@@ -83,6 +83,13 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
                 break
     capacity = await read_parameter(vehicle, _CAPACITY[autopilot], tries=_TRIES)
     low = await read_parameter(vehicle, _LOW[autopilot], tries=_TRIES)
+    shapes = await _read_shapes(vehicle, origin)
+    full = capacity.value if capacity else None
+    return Settings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
+
+
+async def _read_shapes(vehicle: RemoteVehicle, origin: Origin) -> tuple[Polygon | Circle, ...] | None:
+    """The vehicle's fence in the world; None if it is none or cannot be read."""
     try:
         items = [
             types.SimpleNamespace(
@@ -90,11 +97,9 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
             )
             for item in await download_fence(vehicle)
         ]
-        shapes = read_fence(items, origin)
+        return read_fence(items, origin)
     except (FenceError, OrderError):
-        shapes = None
-    full = capacity.value if capacity else None
-    return Settings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
+        return None
 
 
 def _low_share(autopilot: str, low: Parameter | None, capacity: float | None) -> float:
@@ -125,8 +130,8 @@ async def put_right(
     changes = []
     if found.shapes is None or not _fits(found.shapes, scenario):
         await upload_fence(vehicle, _arena_fence(origin, scenario))
-        read_back = await read_settings(vehicle, autopilot, needs, origin)
-        if read_back.shapes is None or not _fits(read_back.shapes, scenario):
+        kept_shapes = await _read_shapes(vehicle, origin)
+        if kept_shapes is None or not _fits(kept_shapes, scenario):
             raise OrderError(f"{vehicle}: fence: what was uploaded does not come back")
         changes.append(f"{about(vehicle)}: fence: a square {scenario.arena_side + 2 * FENCE_MARGIN:g} m wide")
     return_name, _ = RETURN_ALTITUDE[autopilot]

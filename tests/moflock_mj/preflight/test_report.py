@@ -17,9 +17,9 @@ from moflock_mj.preflight.report import (
     CheckedVehicle,
     Report,
     default_path,
-    newest_report,
     read_report,
     refuse_unless_fit,
+    reports_in,
     write_report,
 )
 
@@ -216,10 +216,10 @@ def test_a_report_that_cannot_be_written_leaves_nothing(tmp_path):
 
 def test_the_newest_report_of_a_folder(tmp_path):
     with pytest.raises(ReportError, match=r"none in .*: run moflock preflight"):
-        newest_report(tmp_path)
+        reports_in(tmp_path)
     later = NOW + datetime.timedelta(seconds=1)
     places = [default_path(tmp_path, name, time) for name, time in (("a/../z", NOW), ("A", later))]
     for place in places:
         assert place.parent == tmp_path
         place.write_text("{}")
-    assert newest_report(tmp_path) == places[1]
+    assert reports_in(tmp_path)[0] == places[1]
