@@ -47,6 +47,16 @@ class Bounds:
             if low >= high:
                 raise SearchError(f"bounds: {name}: lower {low:g} must be under upper {high:g}")
 
+    def check(self, point: FlockingParams) -> None:
+        """Refuse a point outside of the box.
+
+        Raises:
+            SearchError: which parameter is, and by which limit.
+        """
+        for name, value, low, high in zip(FlockingParams._fields, point, self.lower, self.upper, strict=True):
+            if not low <= value <= high:
+                raise SearchError(f"{name}: {value!r} is out of bounds: it must be from {low:g} to {high:g}")
+
     def to_unit(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (..., 12) as unit-cube coordinates (..., 12): 0 at the lower bound, 1 at the upper."""
         lower, upper = np.array(self.lower), np.array(self.upper)

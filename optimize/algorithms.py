@@ -63,6 +63,7 @@ def make_algorithm(
     brood: int = 1,
     first_brood: int = 1,
     unbounded: bool = False,
+    start: NDArray[np.float64] | None = None,
 ) -> Algorithm:
     """The algorithm of a name, of ALGORITHMS.
 
@@ -74,12 +75,13 @@ def make_algorithm(
         brood: points that genetic algorithms breed for one that flies.
         first_brood: the same in the first generation, of which nothing is known unless it is screened.
         unbounded: whether it may leave the cube.
+        start: (m, 12), points that genetic algorithms begin with, besides random ones.
     """
     if name == "cmaes":
         return CovarianceAdaptation(population, seed, unbounded=unbounded)
     if name == "pso":
         return Swarm(objectives, population, seed)
-    return Evolution(name, objectives, population, seed, brood, first_brood)
+    return Evolution(name, objectives, population, seed, brood=brood, first_brood=first_brood, start=start)
 
 
 class Evolution:
@@ -92,9 +94,20 @@ class Evolution:
         seed: of its random numbers.
         brood: points that are bred for one that flies.
         first_brood: the same in the first generation.
+        start: (m, 12), points of the first generation, which random ones fill up.
     """
 
-    def __init__(self, name: str, objectives: int, population: int, seed: int, brood: int, first_brood: int) -> None:
+    def __init__(
+        self,
+        name: str,
+        objectives: int,
+        population: int,
+        seed: int,
+        *,
+        brood: int,
+        first_brood: int,
+        start: NDArray[np.float64] | None = None,
+    ) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - pymoo takes a second to load
         from pymoo.algorithms.moo.unsga3 import UNSGA3  # noqa: PLC0415
         from pymoo.operators.crossover.sbx import SBX  # noqa: PLC0415
@@ -102,8 +115,9 @@ class Evolution:
 
         kinds = {"nsga2": NSGA2, "unsga3": UNSGA3}
         more: dict[str, Any] = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
-        if first_brood > 1:
-            more["sampling"] = np.random.default_rng(seed).random((first_brood * population, DIMENSIONS))
+        if first_brood > 1 or start is not None:
+            first = np.random.default_rng(seed).random((first_brood * population, DIMENSIONS))
+            more["sampling"] = first if start is None else np.concatenate([start, first[len(start) :]])
         self._algorithm = kinds[name](
             pop_size=population,
             n_offsprings=brood * population,

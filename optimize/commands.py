@@ -91,8 +91,8 @@ def pca_command(
 
 
 _OPTIMIZE_EXAMPLE = (
-    "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --dynamics rigid_body --screen; "
-    "moflock optimize --resume RUN"
+    "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --dynamics rigid_body --screen "
+    "--start-from logs/optimize-...; moflock optimize --resume RUN"
 )
 
 
@@ -115,6 +115,10 @@ def optimize_command(
     screen: Annotated[
         bool, typer.Option("--screen", help="Fly all that is bred on point masses, and only the promising on bodies.")
     ] = False,
+    start_from: Annotated[
+        list[str] | None,
+        typer.Option(help="Begin with this point or search's front: named, .json, directory; may repeat."),
+    ] = None,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
@@ -154,6 +158,7 @@ def optimize_command(
         "drones": drones,
         "duration": duration,
         "bounds": bounds,
+        "start_from": start_from or None,
     }
     if resume is not None:
         refuse_with_resume(given | files | {"out": out, "coverage": coverage or None})
@@ -249,10 +254,12 @@ def _configuration(
     drones: int | None,
     duration: float | None,
     bounds: Path | None,
+    start_from: list[str] | None,
 ) -> Configuration:
     from moflock_mj.identification import calibrated  # noqa: PLC0415
     from optimize.configuration import Configuration, Settings, search_scenario  # noqa: PLC0415
     from optimize.objectives import PAPER, load_objectives  # noqa: PLC0415
+    from optimize.point_sources import read_points  # noqa: PLC0415
 
     settings = Settings(**given)
     flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
@@ -264,6 +271,7 @@ def _configuration(
         bounds=given_bounds(bounds),
         objectives=wanted.with_coverage() if coverage else wanted,
         settings=settings,
+        start=tuple(read_points(start_from or [])[0].values()),
     )
 
 

@@ -8,8 +8,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from controllers.flocking import FlockingParams
 from moflock_mj.bounds import Bounds, bounds_of, paper_bounds
-from moflock_mj.errors import ScenarioError, SearchError
+from moflock_mj.errors import PointError, ScenarioError, SearchError
+from moflock_mj.points import check_point
 from moflock_mj.quantities import check_fields, check_keys, quantity
 from moflock_mj.scenario import Scenario
 from optimize.evaluation import Job
@@ -88,21 +90,34 @@ class Configuration:
         bounds: the box that is searched.
         objectives: what is maximised; cmaes and pso maximise the product of them.
         settings: how.
+        start: points of the first generation, which random ones fill up.
         versions: of the libraries.
 
     Raises:
-        SearchError: a multi-objective algorithm with a single objective.
+        SearchError: a multi-objective algorithm with a single objective, or points to start from that do not fit.
     """
 
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
     bounds: Bounds = dataclasses.field(default_factory=paper_bounds)
     objectives: Objectives = PAPER
     settings: Settings = dataclasses.field(default_factory=Settings)
+    start: tuple[FlockingParams, ...] = ()
     versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
 
     def __post_init__(self) -> None:
         if self.settings.algorithm not in SINGLE_OBJECTIVE and len(self.objectives.names) < 2:
             raise SearchError(f"objectives: {self.settings.algorithm} must have at least two; there is one")
+        if self.start and self.settings.algorithm in SINGLE_OBJECTIVE:
+            raise SearchError(f"start: only nsga2 and unsga3 start from points; this is {self.settings.algorithm}")
+        if len(self.start) > self.settings.population:
+            raise SearchError(
+                f"start: {len(self.start)} points; there must be at most a population, {self.settings.population}"
+            )
+        for point in self.start:
+            try:
+                self.bounds.check(point)
+            except SearchError as problem:
+                raise SearchError(f"start: {problem}") from None
 
     @property
     def job(self) -> Job:
@@ -136,6 +151,7 @@ class Configuration:
         content: dict[str, Any] = {"settings": dataclasses.asdict(self.settings)}
         content["bounds"] = self.bounds.to_dict()
         content["objectives"] = dict(zip(self.objectives.names, map(list, self.objectives.groups), strict=True))
+        content["start"] = self.start
         content["versions"] = dict(self.versions)
         return json.dumps(content, indent=1) + "\n"
 
@@ -156,7 +172,7 @@ class Configuration:
         if not isinstance(content, Mapping):
             raise SearchError("configuration: it must be an object")
         parts = ("settings", "bounds", "objectives", "versions")
-        check_keys(content, parts, SearchError)
+        check_keys(content, (*parts, "start"), SearchError)
         for name in parts:
             if not isinstance(content.get(name), Mapping):
                 raise SearchError(f"configuration: {name}: it must be an object")
@@ -166,5 +182,15 @@ class Configuration:
             bounds=bounds_of(content["bounds"]),
             objectives=Objectives.from_json(json.dumps({"objectives": content["objectives"]})),
             settings=Settings(**content["settings"]),
+            start=_points_of(content.get("start", [])),
             versions=content["versions"],
         )
+
+
+def _points_of(rows: Any) -> tuple[FlockingParams, ...]:
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise SearchError("configuration: start: it must be a list of points, each a list of 12 numbers")
+    try:
+        return tuple(check_point(row) for row in rows)
+    except PointError as problem:
+        raise SearchError(f"configuration: start: {problem}") from None

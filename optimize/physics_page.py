@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
-from moflock_mj.figure_style import BLUE, GREEN, GREY, ORANGE
+from moflock_mj.figure_style import BLUE, GREEN, GREY, ORANGE, PINK
 from optimize.estimates import hypervolume
 from optimize.figures import new_figure
 from optimize.front import FlownFront
@@ -20,6 +20,17 @@ from optimize.tables import markdown
 
 _FIGURE = "physics/fronts.png"
 
+PLAIN, SCREENED, REFINED = KINDS = ("plain", "screened", "refined")
+"""Searches on bodies: as they are, screened on point masses, and screened from the front found on point masses."""
+
+_POINT_MASS = "found on point masses"
+_NAMES = {
+    PLAIN: "found on bodies",
+    SCREENED: "found on bodies, screened",
+    REFINED: "found on bodies, screened, from that on point masses",
+}
+_STYLES = {PLAIN: (BLUE, "o"), SCREENED: (GREEN, "D"), REFINED: (PINK, "^")}
+
 
 class Fronts(NamedTuple):
     """Fronts of several searches; all but the first on bodies, on the same fresh seeds.
@@ -27,14 +38,12 @@ class Fronts(NamedTuple):
     Attributes:
         found_there: on point masses, where it was found.
         point_mass: its points on bodies.
-        plain: of each search on bodies.
-        screened: of each search on bodies that was screened on point masses.
+        searched: of each search on bodies, by its kind, of KINDS.
     """
 
     found_there: FlownFront
     point_mass: FlownFront
-    plain: tuple[FlownFront, ...]
-    screened: tuple[FlownFront, ...]
+    searched: dict[str, tuple[FlownFront, ...]]
 
 
 class Volume(NamedTuple):
@@ -55,7 +64,8 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
         flights: of bodies, in each search.
         screening_flights: on point masses, in each screened search.
     """
-    scenario, seeds = fronts.screened[0].scenario, len(fronts.screened[0].seeds)
+    scenario, seeds = fronts.point_mass.scenario, len(fronts.point_mass.seeds)
+    runs = len(fronts.searched[REFINED])
     response = scenario.point_mass
     calibrated = (
         f"The point masses that screen are calibrated: tau {response.tau:.3g} s, a_max {response.a_max:.3g} m/s^2, "
@@ -63,11 +73,7 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
         if response
         else ""
     )
-    kinds = {
-        "found on point masses": (fronts.point_mass,),
-        "found on bodies": fronts.plain,
-        "found on bodies, screened": fronts.screened,
-    }
+    kinds = {_POINT_MASS: (fronts.point_mass,)} | {_NAMES[kind]: some for kind, some in fronts.searched.items()}
     rows = [
         (name, str(hypervolumes(some)), *_best(some), str(sum(len(front.remaining) for front in some)))
         for name, some in kinds.items()
@@ -79,9 +85,10 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
             [
                 "# The front on physics",
                 f"Written by `make physics`: {scenario.drones} drones ({scenario.airframe}), {scenario.duration:g} s, "
-                f"{len(fronts.plain)} search{'es' * (len(fronts.plain) > 1)} of each kind with {flights} flights of "
+                f"{runs} search{'es' * (runs > 1)} of each kind with {flights} flights of "
                 f"bodies each. {calibrated}"
-                f"A screened search has {screening_flights} flights on point masses besides. All points were flown "
+                f"A screened search has {screening_flights} flights on point masses besides. The last kind begins with "
+                f"the {len(fronts.point_mass.points)} points of the first front. All points were flown "
                 f"again on bodies on {seeds} fresh seeds, the same for all. Where there are several searches of a "
                 "kind, figures are means over them.",
                 markdown(head, rows),
@@ -91,10 +98,10 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
                 "Intervals are 95 %, by the jackknife over the seeds (Tukey 1958); they hold for these searches, and "
                 "do not tell how far another search of the same kind would end from them.",
                 f"![The fronts]({_FIGURE})",
-                "## The front found on bodies, screened",
-                "Best F_1 first, of all screened searches. `moflock pick` and `moflock validate` take the searches' "
+                f"## The front {_NAMES[REFINED]}",
+                "Best F_1 first, of all such searches. `moflock pick` and `moflock validate` take the searches' "
                 "directories.",
-                _points_table(fronts.screened),
+                _points_table(fronts.searched[REFINED]),
             ]
         )
         + "\n"
@@ -129,12 +136,10 @@ def _best(fronts: Sequence[FlownFront]) -> list[str]:
 
 
 def _differences(fronts: Fronts) -> list[str]:
-    pairs = {
-        "screened less unscreened": (fronts.screened, fronts.plain),
-        "screened less found on point masses": (fronts.screened, (fronts.point_mass,)),
-        "unscreened less found on point masses": (fronts.plain, (fronts.point_mass,)),
-    }
-    return [f"hypervolume, {name}: {difference(*pair)}" for name, pair in pairs.items()]
+    there = (fronts.point_mass,)
+    pairs = [(f"{_NAMES[SCREENED]}; less unscreened", fronts.searched[SCREENED], fronts.searched[PLAIN])]
+    pairs += [(f"{_NAMES[kind]}; less {_POINT_MASS}", some, there) for kind, some in fronts.searched.items()]
+    return [f"hypervolume, {name}: {difference(first, second)}" for name, first, second in pairs]
 
 
 def _points_table(fronts: Sequence[FlownFront]) -> str:
@@ -160,8 +165,8 @@ def fronts_figure(fronts: Fronts) -> Figure:
     there = fronts.found_there.mean[fronts.found_there.remaining]
     axes.plot(*there.T, ".--", color=GREY, lw=1.0, ms=4, label="found on point masses, flown on these", zorder=1)
     _draw(axes, (fronts.point_mass,), ORANGE, "s", "found on point masses, flown on bodies")
-    _draw(axes, fronts.plain, BLUE, "o", "found on bodies")
-    _draw(axes, fronts.screened, GREEN, "D", "found on bodies, screened on point masses")
+    for kind, some in fronts.searched.items():
+        _draw(axes, some, *_STYLES[kind], _NAMES[kind])
     axes.set(xlabel="F_1", ylabel="F_2")
     seeds = len(fronts.point_mass.seeds)
     axes.set_title(f"Mean of {seeds} fresh seeds, {fronts.point_mass.scenario.duration:g} s")

@@ -1,8 +1,9 @@
 """The front on physics: `python -m optimize.physics_study`, which is `make physics`.
 
-Searches rigid bodies with and without screening on point masses, with as many flights of bodies, and flies what each
-found on fresh seeds beside a front that was found on point masses. Writes `docs/physics.md` and its figure. What was
-flown once stays in `logs/physics/` and is not flown again; remove that folder to begin anew.
+Searches rigid bodies with and without screening on point masses, and screened from a front that was found on point
+masses, with as many flights of bodies; flies what each found on fresh seeds beside that front. Writes
+`docs/physics.md` and its figure. What was flown once stays in `logs/physics/` and is not flown again; remove that
+folder to begin anew.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.flocking import FlockingParams
 from moflock_mj.errors import SearchError
 from moflock_mj.identification import calibrated
 from moflock_mj.new_file import new_file
@@ -30,7 +32,7 @@ from optimize.findings import FRONT
 from optimize.fly_points import fresh_seeds
 from optimize.front import FlownFront, candidates, fly_front, load_front
 from optimize.objectives import PAPER
-from optimize.physics_page import Fronts, fronts_figure, page
+from optimize.physics_page import KINDS, PLAIN, REFINED, SCREENED, Fronts, fronts_figure, page
 from optimize.search import search
 from optimize.terminal import flights_progress, search_progress
 from optimize.verbs import crews
@@ -73,9 +75,10 @@ def make_study(scenario: Scenario, point_mass: Path, logs: Path, docs: Path, *, 
     """
     found_there = load_front(point_mass / FRONT if point_mass.is_dir() else point_mass)
     scenario = _calibrated(scenario, logs)
+    start = _thinned(found_there, effort.points)
     runs = {
-        screen: [_searched(logs, scenario, effort, seed, workers, screen=screen) for seed in range(1, effort.runs + 1)]
-        for screen in (False, True)
+        kind: [_searched(logs, scenario, effort, seed, workers, kind, start) for seed in range(1, effort.runs + 1)]
+        for kind in KINDS
     }
     used = set(found_there.seeds)
     for path in (path for paths in runs.values() for path in paths):
@@ -83,14 +86,14 @@ def make_study(scenario: Scenario, point_mass: Path, logs: Path, docs: Path, *, 
             used |= {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
     seeds = fresh_seeds(effort.seeds, used)
     with make_executor(Job(scenario=scenario, dynamics="rigid_body"), workers) as executor:
-        there = _flown(logs / "point-mass-front.json", _thinned(found_there, effort.points), executor, scenario, seeds)
-        plain, screened = (
-            tuple(_front_of(path, executor, scenario, seeds, effort.points) for path in runs[screen])
-            for screen in (False, True)
-        )
-    fronts = Fronts(found_there=found_there, point_mass=there, plain=plain, screened=screened)
+        there = _flown(logs / "point-mass-front.json", start, executor, scenario, seeds)
+        searched = {
+            kind: tuple(_front_of(path, executor, scenario, seeds, effort.points) for path in paths)
+            for kind, paths in runs.items()
+        }
+    fronts = Fronts(found_there=found_there, point_mass=there, searched=searched)
     with new_file(docs / "physics.md") as place:
-        place.write_text(page(fronts, effort.flights, _screening_flights(runs[True])), encoding="utf-8")
+        place.write_text(page(fronts, effort.flights, _screening_flights(runs[SCREENED])), encoding="utf-8")
     save(lambda: fronts_figure(fronts), docs / "physics" / "fronts.png")
     return docs / "physics.md"
 
@@ -109,17 +112,20 @@ def _calibrated(scenario: Scenario, logs: Path) -> Scenario:
     return known
 
 
-def _searched(logs: Path, scenario: Scenario, effort: Effort, seed: int, workers: int, *, screen: bool) -> Path:
+def _searched(
+    logs: Path, scenario: Scenario, effort: Effort, seed: int, workers: int, kind: str, start: NDArray[np.float64]
+) -> Path:
     """The directory of a search on bodies that is over; a search that was broken off goes on."""
-    path = logs / f"{'screened' if screen else 'plain'}-{seed}"
+    path = logs / f"{kind}-{seed}"
     settings = Settings(
-        dynamics="rigid_body", screen=screen, seed=seed, budget=effort.flights, population=effort.population
+        dynamics="rigid_body", screen=kind != PLAIN, seed=seed, budget=effort.flights, population=effort.population
     )
-    configuration = Configuration(scenario=scenario, settings=settings)
+    first = tuple(FlockingParams(*point) for point in start.tolist()) if kind == REFINED else ()
+    configuration = Configuration(scenario=scenario, settings=settings, start=first)
     with contextlib.ExitStack() as resources:
         known = (path / "configuration.json").exists()
         run = resources.enter_context(RunDirectory.open(path) if known else RunDirectory.create(path, configuration))
-        if run.configuration.settings != settings:
+        if (run.configuration.settings, run.configuration.start) != (settings, first):
             raise SearchError(f"run directory {path}: it is of another search; remove it")
         executor, screening = crews(run.configuration, workers, None, resources)
         told = resources.enter_context(search_progress(run.configuration))
@@ -179,7 +185,7 @@ def _screening_flights(paths: Sequence[Path]) -> int:
 
 def main() -> None:
     """Read the arguments and do the study."""
-    parser = argparse.ArgumentParser(description="Search on physics, with and without screening: docs/physics.md.")
+    parser = argparse.ArgumentParser(description="Search on physics in three ways: docs/physics.md.")
     parser.add_argument("--point-mass", type=Path, default=Path("logs/paper/nsga2-refly-1"))
     parser.add_argument("--logs", type=Path, default=Path("logs/physics"))
     parser.add_argument("--docs", type=Path, default=Path("docs"))

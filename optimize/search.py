@@ -132,6 +132,7 @@ def make_plan(configuration: Configuration) -> Plan:
             brood=policy.brood,
             first_brood=policy.brood if settings.screen else 1,
             unbounded=settings.unbounded,
+            start=configuration.bounds.to_unit(configuration.start) if configuration.start else None,
         ),
         policy,
         population=settings.population,

@@ -14,23 +14,22 @@ from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
 from moflock_mj.airframes import load_airframe
-from moflock_mj.errors import PointError, SearchError
+from moflock_mj.errors import SearchError
 from moflock_mj.faults import standard_faults
 from moflock_mj.flight import fly
 from moflock_mj.flock import Flock
-from moflock_mj.points import check_point, load_point, point_names
+from moflock_mj.points import check_point
 from moflock_mj.quantities import check_keys
 from moflock_mj.scenario import Scenario
-from optimize.archive import Archive, RunDirectory, read_directory, write_directory
+from optimize.archive import Archive, read_directory, write_directory
 from optimize.configuration import installed_versions, search_scenario
 from optimize.estimates import non_dominated
 from optimize.evaluation import FIGURE_NAMES, OK, Evaluation, Job, Task
 from optimize.executor import Executor
 from optimize.fault_trials import FaultTrial, fault_trials
-from optimize.findings import FRONT
 from optimize.fly_points import Told, fresh_seeds
-from optimize.front import load_front
 from optimize.objectives import PAPER
+from optimize.point_sources import read_points
 from optimize.verdict import Verdict, judge
 
 DYNAMICS = ("point_mass", "rigid_body")
@@ -245,34 +244,6 @@ class Validation:
         return self.settings.seeds[int(np.lexsort(keys)[0])]
 
 
-def read_points(asked: Sequence[str]) -> tuple[dict[str, FlockingParams], set[int]]:
-    """Points by name, and the seeds that searches behind them have used.
-
-    Args:
-        asked: named points, .json files, and searches' directories, of which the flown front's points are taken.
-
-    Raises:
-        MoflockError: there is no such point or directory, or two of the same name.
-    """
-    points: dict[str, FlockingParams] = {}
-    used: set[int] = set()
-    for name in asked:
-        path = Path(name)
-        if path.is_dir():
-            found, seeds = _front_points(path)
-            used |= seeds
-        elif path.suffix == ".json" or name in point_names():
-            found = {path.stem: load_point(name)}
-        else:
-            known = ", ".join(point_names())
-            raise PointError(f"point {name}: unknown; it must be one of {known}, a .json file or a search's directory")
-        for key, params in found.items():
-            if key in points:
-                raise PointError(f"point {key}: it is given twice")
-            points[key] = params
-    return points, used
-
-
 def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int, fault_seeds: int = 0) -> Settings:
     """The settings of a new validation, with as many seeds as asked that no search has used; see `Settings`.
 
@@ -365,20 +336,6 @@ def log_worst(validation: Validation, folder: Path, told: Told) -> dict[str, Pat
                 fly(params, scenario=scenario, seed=seed, log=logs[name], keep_samples=False)
         told(number + 1, len(validation.names))
     return logs
-
-
-def _front_points(path: Path) -> tuple[dict[str, FlockingParams], set[int]]:
-    """The remaining points of a search's flown front, and the seeds that it and the search flew."""
-    with RunDirectory.open(path) as run:
-        used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
-    if not (path / FRONT).is_file():
-        raise SearchError(f"run directory {path}: its front must have been flown first: moflock report {path}")
-    front = load_front(path / FRONT)
-    points = {
-        f"{path.resolve().name}-{number}": check_point(front.points[number].tolist())
-        for number in front.remaining.tolist()
-    }
-    return points, used
 
 
 def _point_of(params: Mapping[str, float]) -> FlockingParams:

@@ -126,6 +126,19 @@ def test_of_a_brood_the_most_promising_fly(name):
     np.testing.assert_array_equal(np.sort(flown[:, 0]), np.sort(bred[0][:, 0])[-10:])
 
 
+@pytest.mark.parametrize("name", ["nsga2", "unsga3"])
+def test_points_to_start_from_are_in_the_first_generation_and_random_ones_fill_it_up(name):
+    start = np.full((3, 12), 0.25) + np.arange(3)[:, None] / 10
+    first = make_algorithm(name, 2, 10, 1, start=start).ask(nothing_known)
+    assert len(first) == 10
+    np.testing.assert_array_equal(first[:3], start)
+    assert len(np.unique(first[3:, 0])) == 7
+    bred = []
+    make_algorithm(name, 2, 10, 1, brood=4, first_brood=4, start=start).ask(bred.append)
+    assert len(bred[0]) == 40
+    np.testing.assert_array_equal(bred[0][:3], start)
+
+
 def test_what_may_turn_out_better_is_flown_before_what_is_sure():
     algorithm = make_algorithm("nsga2", 2, 10, 1, brood=20)
     algorithm.tell(lambda points: np.full((len(points), 2), 0.5), algorithm.ask(nothing_known)[:0])

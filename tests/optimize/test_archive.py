@@ -71,7 +71,8 @@ def test_an_infeasible_evaluation_comes_back(tmp_path):
 def test_the_configuration_comes_back(tmp_path):
     configuration = Configuration(
         bounds=bounds_of({"r0_rep": [20.1, 60.3]}),
-        settings=Settings(algorithm="cmaes", seeds=3, unbounded=True, timeout=None),
+        settings=Settings(algorithm="nsga2", seeds=3, timeout=None),
+        start=(paper_point("A"), paper_point("B")._replace(r0_rep=20.1)),
     )
     RunDirectory.create(tmp_path / "run", configuration).close()
     with RunDirectory.open(tmp_path / "run") as run:

@@ -86,6 +86,18 @@ def test_each_verb_has_an_example(verb):
     assert f"Example: moflock {verb}" in run(verb, "--help").stdout
 
 
+def test_a_search_starts_from_the_front_of_another(searched, tmp_path):
+    path, _ = searched
+    front = json.loads((path / "front.json").read_text())
+    wish = (*TINY, "--budget", 8, "--population", 8, "--front-seeds", 0, "--workers", 1)
+    told("optimize", *wish, "--start-from", path, "--start-from", "A", "--out", tmp_path / "next")
+    first = [row[1] for row in points_of(tmp_path / "next")]
+    starts = json.loads((tmp_path / "next" / "configuration.json").read_text())["start"]
+    assert len(starts) >= 2
+    assert all(point in front["points"] for point in starts[:-1])
+    assert all(any(abs(point[0] - r0_rep) < 1e-9 for r0_rep in first) for point in starts)
+
+
 def test_a_picked_point_can_be_flown_and_the_front_stays_as_it_was_flown(searched, tmp_path):
     path, _ = searched
     front = (path / "front.json").read_bytes()
@@ -160,6 +172,12 @@ def test_flocks_around_a_target(tmp_path):
         (("optimize", "--unbounded"), "unbounded: only cmaes"),
         (("optimize", "--screen"), "screen: it is for the dynamics rigid_body"),
         (("optimize", "--screen", "--dynamics", "rigid_body", "--algorithm", "cmaes"), "screen: only nsga2"),
+        (("optimize", "--start-from", "C"), "point C: unknown"),
+        (("optimize", "--start-from", "{tmp}"), "configuration.json"),
+        (("optimize", "--start-from", "model_optimum"), "start: r0_shill: 0.5 is out of bounds"),
+        (("optimize", "--start-from", "A", "--algorithm", "cmaes"), "start: only nsga2 and unsga3"),
+        (("optimize", "--start-from", "A", "--start-from", "A"), "point A: it is given twice"),
+        (("optimize", "--start-from", "A", "--resume", "{run}"), "its own start_from"),
         (("optimize", "--bounds", "{tmp}/none.toml"), "none.toml"),
         (("optimize", "--bounds", "{tmp}/crossed.toml"), "r0_rep: lower 40 must be under upper 35"),
         (("optimize", "--front-seeds", "1"), "front_seeds: 1"),

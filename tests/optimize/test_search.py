@@ -9,6 +9,7 @@ import pytest
 
 from controllers.flocking import FlockingParams
 from moflock_mj.errors import SearchError
+from moflock_mj.points import paper_point
 from optimize.archive import RunDirectory
 from optimize.estimates import hypervolume
 from optimize.evaluation import Task
@@ -223,6 +224,21 @@ def test_rows_of_point_masses_that_are_damaged_are_flown_again(tmp_path):
         assert run.count_damaged() == 2
         screened_search(run)
         assert screened_outcome(run) == expected
+
+
+def test_a_search_starts_from_points_and_resumes_the_same(tmp_path):
+    start = (paper_point("A"), paper_point("B"))
+    configuration = small_configuration(seeds=2, budget=80).replace(start=start)
+    expected, _ = searched(tmp_path / "whole", configuration)
+    flown = [np.array(params) for generation, _, params, *_ in expected if generation == 0]
+    for point in start:
+        assert any(np.allclose(point, params, rtol=1e-12) for params in flown)
+    with RunDirectory.create(tmp_path / "killed", configuration) as run, pytest.raises(KeyboardInterrupt):
+        search(run, FakeExecutor(configuration.job, dies_at=11))
+    with RunDirectory.open(tmp_path / "killed") as run:
+        assert run.configuration == configuration
+        search(run, FakeExecutor(configuration.job))
+        assert outcome(run) == expected
 
 
 def test_as_many_flights_of_bodies_find_a_better_front_with_screening(tmp_path):
