@@ -1,6 +1,7 @@
 """The same evaluations on a Dask cluster: a real scheduler and two workers on loopback."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -16,6 +17,7 @@ from moflock_mj.points import paper_point
 from moflock_mj.scenario import Scenario
 from optimize.evaluation import Job, Task, evaluate
 from optimize.executor import make_executor
+from tests.optimize.test_commands import run
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 # Dask's own sockets and event loops are closed by its garbage collection.
@@ -45,6 +47,15 @@ def start(folder, kind, *arguments):
         )
 
 
+def wait_for_port(port):
+    """A busy machine takes longer to start a scheduler than a client waits for one."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+            return
+        time.sleep(0.1)
+
+
 @contextlib.contextmanager
 def running_cluster(folder, count):
     """A scheduler's address, and the processes of the scheduler and its workers."""
@@ -54,6 +65,7 @@ def running_cluster(folder, count):
     options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--memory-limit", "0", "--death-timeout", "60")
     workers = [start(folder, "worker", address, *options) for _ in range(count)]
     try:
+        wait_for_port(port)
         yield address, scheduler, workers
     finally:
         for process in (*workers, scheduler):
@@ -110,3 +122,13 @@ def test_an_unreachable_scheduler_is_one_line_within_seconds(address):
         make_executor(JOB, scheduler=address)
     assert "\n" not in str(refusal.value)
     assert time.monotonic() - began < 20
+
+
+def test_a_validation_on_a_cluster_is_the_one_that_is_flown_here(tmp_path):
+    """Two crews, of point masses and of bodies, and the standard faults on bodies, share the cluster."""
+    wish = ("validate", "A", "--seeds", 2, "--fault-seeds", 2, "--faults", "--no-logs", "--drones", 3, "--duration", 60)
+    here = run(*wish, "--workers", 1, "--out", tmp_path / "here", "--json")
+    with running_cluster(tmp_path, 1) as (address, _, _):
+        there = run(*wish, "--scheduler", address, "--out", tmp_path / "there", "--json")
+    assert there.stderr == ""
+    assert json.loads(there.stdout) == json.loads(here.stdout)
