@@ -35,3 +35,7 @@ class VerdictLimits(Section):
     touched_flights: float = quantity(
         0.1, "1", "share of flights with touches beyond which a point is unsafe", low=0, high=1
     )
+
+    def least_separation(self, diameter: float) -> float:
+        """The least distance, m, of two drones of a diameter, m."""
+        return max(self.separation, 2 * diameter)

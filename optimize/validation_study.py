@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import os
 from pathlib import Path
 
@@ -37,7 +38,7 @@ from optimize.validation_verbs import crews, validated, write
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
 
 
-def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, workers: int) -> Path:
+def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_seeds: int, workers: int) -> Path:
     """Validate the named points, identify the airframe, and show what the calibrated point mass changes.
 
     Args:
@@ -45,6 +46,7 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, worker
         logs: the validation's directory, which is taken up again.
         docs: gets `validation.md` and a folder with its figure.
         seeds: of each point.
+        fault_seeds: of each point with each of the standard faults.
         workers: processes.
 
     Returns:
@@ -53,11 +55,11 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, worker
     Raises:
         MoflockError: something cannot be flown or written, or the directory is of another study.
     """
-    settings = make_settings(scenario, POINTS, seeds)
+    settings = make_settings(scenario, POINTS, seeds, fault_seeds)
     run = ValidationDirectory.open(logs) if logs.exists() else ValidationDirectory.create(logs, settings)
     with run, contextlib.ExitStack() as resources:
-        if (run.settings.scenario, run.settings.seeds) != (settings.scenario, settings.seeds):
-            raise SearchError(f"run directory {logs}: it is of another scenario or other seeds; remove it")
+        if dataclasses.replace(run.settings, versions=settings.versions) != settings:
+            raise SearchError(f"run directory {logs}: it is of another scenario, other points or seeds; remove it")
         found, logged = validated(run, crews(settings, workers, None, resources), logs=True)
     if found is None:
         raise SearchError(f"run directory {logs}: stopped before its end; run it again to go on")
@@ -137,10 +139,12 @@ def main() -> None:
     parser.add_argument("--logs", type=Path, default=Path("logs/validation"))
     parser.add_argument("--docs", type=Path, default=Path("docs"))
     parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--fault-seeds", type=int, default=SEEDS)
     parser.add_argument("--duration", type=float, default=Scenario().duration)
     asked = parser.parse_args()
     scenario = Scenario(duration=asked.duration)
-    print(make_study(scenario, asked.logs, asked.docs, seeds=asked.seeds, workers=asked.workers))
+    effort = {"seeds": asked.seeds, "fault_seeds": asked.fault_seeds, "workers": asked.workers}
+    print(make_study(scenario, asked.logs, asked.docs, **effort))
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def _most(counts: NDArray[np.float64]) -> str:
 
 
 def _checks(column: dict[str, NDArray[np.float64]], limits: VerdictLimits, diameter: float) -> list[_Check]:
-    separation, least = float(column["separation_min"].min()), max(limits.separation, 2 * diameter)
+    separation, least = float(column["separation_min"].min()), limits.least_separation(diameter)
     checks = [
         _check("rotors at their limit", 100 * column["saturated_share"].max(), 100 * limits.saturated, "% of the time"),
         _check("altitude error", column["altitude_error_max"].max(), limits.altitude_error, "m"),

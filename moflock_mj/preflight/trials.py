@@ -71,7 +71,7 @@ def trial_items(flights: Sequence[Flight], scenario: Scenario) -> list[Item]:
     fallen = len({fault.drone for fault in scenario.faults if KINDS[fault.kind].falls})
     lost = max((body.lost for body in bodies), default=0)
     touching = sum(body.touched > 0 for body in bodies)
-    least = max(limits.separation, 4 * airframe.radius)
+    least = limits.least_separation(2 * airframe.radius)
     separation = min((flight.motion.separation_min for flight in flights), default=np.inf)
     advice = "fly slower, in less wind or with fewer drones, or choose a safer point: moflock validate"
     worst = {

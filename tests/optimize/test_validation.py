@@ -10,13 +10,14 @@ import time
 import numpy as np
 import pytest
 
+from moflock_mj.errors import SearchError
 from moflock_mj.faults import standard_faults
 from moflock_mj.points import dump_point, paper_point
 from moflock_mj.scenario import Scenario
 from optimize.evaluation import FIGURE_NAMES, Job, Task, infeasible
 from optimize.fault_trials import fault_trials
 from optimize.validation import Settings, ValidationDirectory, gather
-from optimize.validation_study import make_study
+from optimize.validation_study import POINTS, make_study
 from tests.optimize.test_commands import MOFLOCK, refused, run
 
 TINY = ("--drones", "4", "--duration", "4", "--workers", "1")
@@ -131,12 +132,17 @@ def test_what_a_fault_brings_down_by_itself_is_not_lost_to_others():
 
 def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
     scenario = Scenario(drones=3, duration=1.0)
+    effort = {"seeds": 2, "fault_seeds": 1, "workers": 1}
     for _ in range(2):
-        page = make_study(scenario, tmp_path / "logs", tmp_path / "docs", seeds=2, workers=1)
+        page = make_study(scenario, tmp_path / "logs", tmp_path / "docs", **effort)
         text = page.read_text()
         assert "Velocity error" in text
+        assert "switched_off" in text
         assert (tmp_path / "docs" / "validation" / "fronts.png").exists()
-    assert len(rows_of(tmp_path / "logs")) == 2 * 6 * 2
+    flights = 2 * 2 + len(standard_faults(scenario))
+    assert len(rows_of(tmp_path / "logs")) == flights * len(POINTS)
+    with pytest.raises(SearchError, match="of another scenario, other points or seeds"):
+        make_study(scenario, tmp_path / "logs", tmp_path / "docs", **effort | {"fault_seeds": 2})
 
 
 @pytest.mark.parametrize(
