@@ -218,7 +218,7 @@ def fleet_command(
     bind: Annotated[str, typer.Option(help="Address of this machine at which they listen.")] = "127.0.0.1",
     to: Annotated[str | None, typer.Option(help="HOST:PORT to which they send unasked.")] = None,
     speed: Annotated[float, typer.Option(help="Simulated over real time.")] = 1.0,
-    spacing: Annotated[float, typer.Option(help="Between neighbours on the ground, m.")] = 5.0,
+    spacing: Annotated[float, typer.Option(help="Between neighbours on the ground, m.")] = 12.0,
     boot: Annotated[float, typer.Option(help="Simulated seconds until a position can be used.")] = 8.0,
     scenario: Annotated[Path | None, typer.Option(help="TOML file: airframe, response, noise.")] = None,
     airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,

@@ -99,7 +99,7 @@ class PhysicsPlan:
     vehicles: int = 1
     port: int | None = None
     speed: float = 1.0
-    spacing: float = 5.0
+    spacing: float = 12.0
     patience: float = PATIENCE
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
     seed: int = 1

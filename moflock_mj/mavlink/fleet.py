@@ -73,7 +73,7 @@ class FleetPlan:
     bind: str = "127.0.0.1"
     to: Address | None = None
     speed: float = 1.0
-    spacing: float = 5.0
+    spacing: float = 12.0
     boot: float = 8.0
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
     faults: Sequence[Fault] = ()
