@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, kernel
 from controllers.policy import Sensed, SpeedLimits, desired_velocity
-from moflock_mj.breakdown import fall, hold_blind, spoil_packets, strike
+from moflock_mj.breakdown import fall, hold_blind, strike
 from moflock_mj.clocks import Clocks
 from moflock_mj.draws import Draws, noise_of_beat
 from moflock_mj.order_parameters import Tally, Yardstick, count_sample, write_running
 from moflock_mj.plant import advance, take_fix, write_state
 from moflock_mj.sensing import SensorModel, SensorState, remember, sense
+from moflock_mj.spoiled_sensing import spoil_packets
 from moflock_mj.world import World
 
 

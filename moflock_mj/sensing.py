@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from controllers.compiling import kernel
 from controllers.policy import Sensed
 from moflock_mj.arena import locate_walls
-from moflock_mj.breakdown import drop_neighbours, recall_packets, shift_readings, spoil_fixes
+from moflock_mj.spoiled_sensing import drop_neighbours, recall_packets, shift_readings, spoil_fixes
 from moflock_mj.world import World
 
 
