@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from controllers.flocking import FlockingParams
 from moflock_mj.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED
@@ -15,11 +15,22 @@ from optimize.statistics import half_width
 _COLOURS = (RED, BLUE, GREEN, BLACK, PINK, ORANGE)
 
 
-def sobol_figure(found: SobolIndices) -> Figure:
+def sensitivity_figure(found: SobolIndices, along: OneAtATime, point: FlockingParams) -> Figure:
+    """The Sobol indices above, one parameter at a time below."""
+    figure = new_figure(12.0, 14.2)
+    halves = figure.add_gridspec(2, 1)
+    _draw_indices(figure.add_subfigure(halves[0]), found)
+    _draw_along(figure.add_subfigure(halves[1]), along, point)
+    return figure
+
+
+def _draw_indices(figure: SubFigure, found: SobolIndices) -> None:
     """First-order and total indices as heat maps, each cell with its 95 % confidence interval's half width."""
-    figure = new_figure(12.0, 7.2)
     panels = figure.subplots(2, 1, sharex=True)
-    pairs = ((found.first, found.first_width, "First order: alone"), (found.total, found.total_width, "Total"))
+    pairs = (
+        (found.first, found.first_width, "Sobol indices of first order"),
+        (found.total, found.total_width, "Total Sobol indices"),
+    )
     for axes, (values, widths, title) in zip(panels, pairs, strict=True):
         image = axes.imshow(values, cmap="YlGnBu", vmin=0, vmax=1, aspect="auto")
         for (row, column), value in np.ndenumerate(values):
@@ -31,12 +42,10 @@ def sobol_figure(found: SobolIndices) -> Figure:
         axes.grid(False)
         axes.set_title(f"{title} ({found.points} points)")
         figure.colorbar(image, ax=axes, shrink=0.9, label="share of the variance")
-    return figure
 
 
-def one_at_a_time_figure(found: OneAtATime, point: FlockingParams) -> Figure:
-    """All six fitnesses along each parameter, mean and 95 % confidence interval over the seeds."""
-    figure = new_figure(12.0, 7.2)
+def _draw_along(figure: SubFigure, found: OneAtATime, point: FlockingParams) -> None:
+    """All six fitnesses along each parameter, mean and 95 % confidence interval over the seeds; the point dashed."""
     grid = figure.subplots(3, 4, sharey=True)
     mean, width = found.fitness.mean(axis=2), half_width(found.fitness, axis=2)
     for number, (name, unit, axes) in enumerate(zip(FlockingParams._fields, UNITS, grid.flat, strict=True)):
@@ -48,7 +57,6 @@ def one_at_a_time_figure(found: OneAtATime, point: FlockingParams) -> Figure:
         axes.set(ylim=(-0.03, 1.03))
         axes.set_title(f"{name}, {unit}" if unit else name)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    return figure
 
 
 def sweep_figure(found: Sweep, unit: str) -> Figure:

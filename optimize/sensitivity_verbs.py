@@ -26,7 +26,7 @@ from optimize.figures import save
 from optimize.fly_points import fresh_seeds
 from optimize.objectives import FITNESS_NAMES
 from optimize.sensitivity import OneAtATime, SobolIndices, check_counts, one_at_a_time, sobol_indices, sweep
-from optimize.sensitivity_figures import one_at_a_time_figure, sobol_figure, sweep_figure
+from optimize.sensitivity_figures import sensitivity_figure, sweep_figure
 from optimize.statistics import half_width
 from optimize.tables import Words, rich_table
 from optimize.terminal import flights_progress
@@ -46,7 +46,7 @@ def sensitivity(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Fly both studies, print the indices, write JSON and two figures into the folder `out`.
+    """Fly both studies, print the indices, write JSON and a figure into the folder `out`.
 
     Raises:
         MoflockError: what was asked for cannot be flown or written.
@@ -62,15 +62,14 @@ def sensitivity(
     content = json.dumps(_content(point, params, indices, along, seeds), indent=1) + "\n"
     with new_file(out / "sensitivity.json") as place:
         place.write_text(content, encoding="utf-8")
-    save(lambda: sobol_figure(indices), out / "sobol.png")
-    save(lambda: one_at_a_time_figure(along, params), out / "one_at_a_time.png")
+    save(lambda: sensitivity_figure(indices, along, params), out / "sensitivity.png")
     if as_json:
         print(content, end="")
         return 0
     console = Console()
     console.print(rich_table(_table("First order", indices.first, indices.first_width)))
     console.print(rich_table(_table("Total", indices.total, indices.total_width)))
-    console.print(f"figures and JSON: {out}", highlight=False, soft_wrap=True)
+    console.print(f"figure and JSON: {out}", highlight=False, soft_wrap=True)
     return 0
 
 

@@ -89,7 +89,7 @@ def sensitivity_command(
     bounds: BoundsFile = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path, typer.Option(help="Folder of the figures and the JSON.")] = Path("logs/sensitivity"),
+    out: Annotated[Path, typer.Option(help="Folder of the figure and the JSON.")] = Path("logs/sensitivity"),
     as_json: AsJson = False,
 ) -> int:
     """Sobol indices of the six fitnesses to the 12 parameters, and one parameter at a time around a point."""
