@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
 from moflock_mj.figure_style import BLUE, GREEN, GREY, ORANGE, PINK
+from moflock_mj.response import PointMassResponse
 from optimize.estimates import hypervolume
 from optimize.figures import new_figure
+from optimize.flyable import NAMED, RULE
 from optimize.front import FlownFront
 from optimize.statistics import half_width
 from optimize.tables import markdown
+from optimize.validation import RIGID_BODY, Validation
 
 _FIGURE = "physics/fronts.png"
 
@@ -56,23 +59,31 @@ class Volume(NamedTuple):
         return f"{self.mean:.3f} +- {self.half_width:.3f}"
 
 
-def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
+class Flights(NamedTuple):
+    """What a search flies.
+
+    Attributes:
+        bodies: how many, in each search.
+        point_masses: how many besides, in each screened search.
+        response: of these point masses.
+    """
+
+    bodies: int
+    point_masses: int
+    response: PointMassResponse
+
+
+def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None) -> str:
     """The page, in Markdown.
 
     Args:
         fronts: of the study.
-        flights: of bodies, in each search.
-        screening_flights: on point masses, in each screened search.
+        flights: of its searches.
+        judged: the most promising points.
+        best: number of the one of these that is named; None if none is flyable.
     """
     scenario, seeds = fronts.point_mass.scenario, len(fronts.point_mass.seeds)
-    runs = len(fronts.searched[REFINED])
-    response = scenario.point_mass
-    calibrated = (
-        f"The point masses that screen are calibrated: tau {response.tau:.3g} s, a_max {response.a_max:.3g} m/s^2, "
-        f"delay {response.delay:.3g} s. "
-        if response
-        else ""
-    )
+    runs, response = len(fronts.searched[REFINED]), flights.response
     kinds = {_POINT_MASS: (fronts.point_mass,)} | {_NAMES[kind]: some for kind, some in fronts.searched.items()}
     rows = [
         (name, str(hypervolumes(some)), *_best(some), str(sum(len(front.remaining) for front in some)))
@@ -85,10 +96,11 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
             [
                 "# The front on physics",
                 f"Written by `make physics`: {scenario.drones} drones ({scenario.airframe}), {scenario.duration:g} s, "
-                f"{runs} search{'es' * (runs > 1)} of each kind with {flights} flights of "
-                f"bodies each. {calibrated}"
-                f"A screened search has {screening_flights} flights on point masses besides. The last kind begins with "
-                f"the {len(fronts.point_mass.points)} points of the first front. All points were flown "
+                f"{runs} search{'es' * (runs > 1)} of each kind with {flights.bodies} "
+                "flights of bodies each. The point masses that screen are calibrated: "
+                f"tau {response.tau:.3g} s, a_max {response.a_max:.3g} m/s^2, delay {response.delay:.3g} s. "
+                f"A screened search has {flights.point_masses} flights on point masses besides. The last kind begins "
+                f"with the {len(fronts.point_mass.points)} points of the first front. All points were flown "
                 f"again on bodies on {seeds} fresh seeds, the same for all. Where there are several searches of a "
                 "kind, figures are means over them.",
                 markdown(head, rows),
@@ -102,6 +114,11 @@ def page(fronts: Fronts, flights: int, screening_flights: int) -> str:
                 "Best F_1 first, of all such searches. `moflock pick` and `moflock validate` take the searches' "
                 "directories.",
                 _points_table(fronts.searched[REFINED]),
+                "## Which are safe to fly",
+                f"Of all points that the searches flew, the {len(judged.names)} most promising of those that kept all "
+                f"limits in their few flights, validated on {len(judged.settings.seeds)} seeds that none of them has "
+                f"flown. {_named(judged, best)}",
+                _verdicts_table(judged),
             ]
         )
         + "\n"
@@ -156,6 +173,21 @@ def _points_table(fronts: Sequence[FlownFront]) -> str:
         for mean, width, point in rows
     ]
     return markdown((*fronts[0].objectives.names, *FlockingParams._fields), words)
+
+
+def _named(judged: Validation, best: int | None) -> str:
+    if best is None:
+        return "None is flyable."
+    return f"{judged.names[best]} is the named point `{NAMED}`: {RULE}."
+
+
+def _verdicts_table(judged: Validation) -> str:
+    mean, width = (of(judged.objectives[RIGID_BODY], axis=1) for of in (np.mean, half_width))
+    rows = [
+        (judged.names[number], *(f"{mean[number, k]:.3f} +- {width[number, k]:.3f}" for k in range(2)), *verdict)
+        for number, verdict in sorted(enumerate(judged.verdicts), key=lambda pair: -mean[pair[0], 0])
+    ]
+    return markdown(("point", "F_1", "F_2", "verdict", "what decides"), rows)
 
 
 def fronts_figure(fronts: Fronts) -> Figure:

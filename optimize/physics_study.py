@@ -1,9 +1,10 @@
 """The front on physics: `python -m optimize.physics_study`, which is `make physics`.
 
 Searches rigid bodies with and without screening on point masses, and screened from a front that was found on point
-masses, with as many flights of bodies; flies what each found on fresh seeds beside that front. Writes
-`docs/physics.md` and its figure. What was flown once stays in `logs/physics/` and is not flown again; remove that
-folder to begin anew.
+masses, with as many flights of bodies; flies what each found on fresh seeds beside that front. Then it validates the
+most promising of all points that flew safely so far, and names the best of those that still do. Writes
+`docs/physics.md`, its figure and the named point. What was flown once stays in `logs/physics/` and is not flown again;
+remove that folder to begin anew.
 """
 
 from __future__ import annotations
@@ -30,9 +31,11 @@ from optimize.executor import Executor, make_executor
 from optimize.figures import save
 from optimize.findings import FRONT
 from optimize.fly_points import fresh_seeds
+from optimize.flyable import NAMED, best_flyable, judge_points, promising_points, provenance
 from optimize.front import FlownFront, candidates, fly_front, load_front
 from optimize.objectives import PAPER
-from optimize.physics_page import KINDS, PLAIN, REFINED, SCREENED, Fronts, fronts_figure, page
+from optimize.paper import NAMED_POINTS
+from optimize.physics_page import KINDS, PLAIN, REFINED, SCREENED, Flights, Fronts, fronts_figure, page
 from optimize.search import search
 from optimize.terminal import flights_progress, search_progress
 from optimize.verbs import crews
@@ -47,6 +50,8 @@ class Effort(NamedTuple):
         points: most points of each front that are flown again.
         seeds: fresh ones for each of these.
         population: points per generation.
+        judged: points that are validated.
+        trials: fresh seeds for each of these.
     """
 
     flights: int = 500
@@ -54,16 +59,21 @@ class Effort(NamedTuple):
     points: int = 12
     seeds: int = 20
     population: int = 30
+    judged: int = 24
+    trials: int = 40
 
 
-def make_study(scenario: Scenario, point_mass: Path, logs: Path, docs: Path, *, effort: Effort, workers: int) -> Path:
-    """Search on bodies, fly all fronts on the same fresh seeds, compare them.
+def make_study(
+    scenario: Scenario, point_mass: Path, logs: Path, docs: Path, named: Path, *, effort: Effort, workers: int
+) -> Path:
+    """Search on bodies, fly all fronts on the same fresh seeds, compare them, and name a point that is flyable.
 
     Args:
         scenario: what is flown; without a point mass of its own it gets that of its airframe.
         point_mass: a search on point masses whose front was flown: its directory, or its front's file.
         logs: where the searches go, and are taken up again.
         docs: gets `physics.md` and a folder with its figure.
+        named: gets the named point.
         effort: how much is flown.
         workers: processes.
 
@@ -74,28 +84,41 @@ def make_study(scenario: Scenario, point_mass: Path, logs: Path, docs: Path, *, 
         MoflockError: something cannot be read, flown or written.
     """
     found_there = load_front(point_mass / FRONT if point_mass.is_dir() else point_mass)
-    scenario = _calibrated(scenario, logs)
+    screening = _calibrated(scenario, logs)
+    assert screening.point_mass is not None  # for the type checker
     start = _thinned(found_there, effort.points)
     runs = {
-        kind: [_searched(logs, scenario, effort, seed, workers, kind, start) for seed in range(1, effort.runs + 1)]
+        kind: [_searched(logs, screening, effort, seed, workers, kind, start) for seed in range(1, effort.runs + 1)]
         for kind in KINDS
     }
-    used = set(found_there.seeds)
-    for path in (path for paths in runs.values() for path in paths):
-        with RunDirectory.open(path) as run:
-            used |= {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
+    paths = [path for some in runs.values() for path in some]
+    used = set(found_there.seeds).union(*map(_seeds_of, paths))
     seeds = fresh_seeds(effort.seeds, used)
     with make_executor(Job(scenario=scenario, dynamics="rigid_body"), workers) as executor:
         there = _flown(logs / "point-mass-front.json", start, executor, scenario, seeds)
         searched = {
-            kind: tuple(_front_of(path, executor, scenario, seeds, effort.points) for path in paths)
-            for kind, paths in runs.items()
+            kind: tuple(_front_of(path, executor, scenario, seeds, effort.points) for path in some)
+            for kind, some in runs.items()
         }
     fronts = Fronts(found_there=found_there, point_mass=there, searched=searched)
+    points = promising_points(paths, scenario, effort.judged)
+    trials = fresh_seeds(effort.trials, used | set(seeds))
+    judged = judge_points(logs / "judged", points, scenario, trials, workers)
+    best = best_flyable(judged)
+    if best is not None:
+        with new_file(named / f"{NAMED}.json") as place:
+            place.write_text(provenance(judged, best), encoding="utf-8")
     with new_file(docs / "physics.md") as place:
-        place.write_text(page(fronts, effort.flights, _screening_flights(runs[SCREENED])), encoding="utf-8")
+        flights = Flights(effort.flights, _screening_flights(runs[SCREENED]), screening.point_mass)
+        place.write_text(page(fronts, flights, judged, best), encoding="utf-8")
     save(lambda: fronts_figure(fronts), docs / "physics" / "fronts.png")
     return docs / "physics.md"
+
+
+def _seeds_of(path: Path) -> set[int]:
+    """The seeds that a search has flown."""
+    with RunDirectory.open(path) as run:
+        return {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
 
 
 def _calibrated(scenario: Scenario, logs: Path) -> Scenario:
@@ -189,6 +212,7 @@ def main() -> None:
     parser.add_argument("--point-mass", type=Path, default=Path("logs/paper/nsga2-refly-1"))
     parser.add_argument("--logs", type=Path, default=Path("logs/physics"))
     parser.add_argument("--docs", type=Path, default=Path("docs"))
+    parser.add_argument("--named", type=Path, default=NAMED_POINTS)
     parser.add_argument("--duration", type=float, default=Scenario().duration)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     for name, value in Effort()._asdict().items():
@@ -196,7 +220,8 @@ def main() -> None:
     asked = parser.parse_args()
     effort = Effort(**{name: getattr(asked, name) for name in Effort._fields})
     scenario = Scenario(duration=asked.duration)
-    print(make_study(scenario, asked.point_mass, asked.logs, asked.docs, effort=effort, workers=asked.workers))
+    places = (asked.point_mass, asked.logs, asked.docs, asked.named)
+    print(make_study(scenario, *places, effort=effort, workers=asked.workers))
 
 
 if __name__ == "__main__":

@@ -7,15 +7,12 @@ remove that folder to begin anew.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import dataclasses
 import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moflock_mj.errors import SearchError
 from moflock_mj.identification import identify
 from moflock_mj.new_file import new_file
 from moflock_mj.response import PointMassResponse
@@ -30,10 +27,10 @@ from optimize.objectives import PAPER
 from optimize.statistics import half_width
 from optimize.tables import Words, markdown
 from optimize.terminal import flights_progress
-from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, ValidationDirectory, make_settings
+from optimize.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, make_settings
 from optimize.validation_figures import fronts_figure
 from optimize.validation_page import page
-from optimize.validation_verbs import crews, validated, write
+from optimize.validation_verbs import take_up, write
 
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
 
@@ -55,14 +52,7 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_
     Raises:
         MoflockError: something cannot be flown or written, or the directory is of another study.
     """
-    settings = make_settings(scenario, POINTS, seeds, fault_seeds)
-    run = ValidationDirectory.open(logs) if logs.exists() else ValidationDirectory.create(logs, settings)
-    with run, contextlib.ExitStack() as resources:
-        if dataclasses.replace(run.settings, versions=settings.versions) != settings:
-            raise SearchError(f"run directory {logs}: it is of another scenario, other points or seeds; remove it")
-        found, logged = validated(run, crews(settings, workers, None, resources), logs=True)
-    if found is None:
-        raise SearchError(f"run directory {logs}: stopped before its end; run it again to go on")
+    found, logged = take_up(logs, make_settings(scenario, POINTS, seeds, fault_seeds), workers=workers, logs=True)
     write(found, logged, logs)
     identified = identify(scenario)
     calibrated = _calibrated(found, identified.response, workers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import datetime
 import sys
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from moflock_mj.errors import SearchError
 from moflock_mj.identification import identify
 from moflock_mj.new_file import new_file
 from moflock_mj.scenario import Scenario
@@ -93,6 +95,22 @@ def validated(
         return found, {}
     with flights_progress("logs of the worst seeds") as told:
         return found, log_worst(found, run.path / LOGS, told)
+
+
+def take_up(path: Path, settings: Settings, *, workers: int, logs: bool) -> tuple[Validation, dict[str, Path]]:
+    """Fly what a study's directory lacks, which is made if there is none; its findings and the logs, if asked.
+
+    Raises:
+        MoflockError: it cannot be flown or written, or is of another study, or Ctrl-C came before its end.
+    """
+    run = ValidationDirectory.open(path) if path.exists() else ValidationDirectory.create(path, settings)
+    with run, contextlib.ExitStack() as resources:
+        if dataclasses.replace(run.settings, versions=settings.versions) != settings:
+            raise SearchError(f"run directory {path}: it is of another scenario, other points or seeds; remove it")
+        found, logged = validated(run, crews(settings, workers, None, resources), logs=logs)
+    if found is None:
+        raise SearchError(f"run directory {path}: stopped before its end; run it again to go on")
+    return found, logged
 
 
 def write(found: Validation, logs: Mapping[str, Path], path: Path) -> str:

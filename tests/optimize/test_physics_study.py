@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.points import named_point
+from moflock_mj.points import load_point, named_point
 from moflock_mj.scenario import Scenario
 from optimize.archive import RunDirectory
 from optimize.front import FlownFront, load_front
 from optimize.objectives import PAPER
 from optimize.physics_page import KINDS, PLAIN, REFINED, difference
 from optimize.physics_study import Effort, make_study
+from optimize.validation import ValidationDirectory
 
 TINY = Scenario(drones=3, arena_side=120.0, duration=5.0)
-EFFORT = Effort(flights=12, runs=1, points=2, seeds=3, population=8)
+EFFORT = Effort(flights=12, runs=1, points=2, seeds=3, population=8, judged=3, trials=2)
 
 
 def front_of(fitness, points=None):
@@ -42,10 +43,14 @@ def found_there():
 
 def test_the_study_searches_in_three_ways_and_flies_nothing_twice(tmp_path):
     (tmp_path / "there.json").write_text(found_there().to_json())
-    asked = {"docs": tmp_path / "docs", "effort": EFFORT, "workers": 1}
+    asked = {"docs": tmp_path / "docs", "named": tmp_path / "named", "effort": EFFORT, "workers": 1}
+    (tmp_path / "named").mkdir()
     page = make_study(TINY, tmp_path / "there.json", tmp_path / "logs", **asked)
     text = page.read_text()
     assert (tmp_path / "docs" / "physics" / "fronts.png").stat().st_size > 10_000
+    assert "is the named point `steady`" in text
+    point = load_point(str(tmp_path / "named" / "steady.json"))
+    assert point in ValidationDirectory.open(tmp_path / "logs" / "judged").settings.points.values()
     seeds = {load_front(path).seeds for path in (tmp_path / "logs").glob("*/front.json")}
     assert len(seeds) == 1, "the fronts were not flown on the same seeds"
     for kind in KINDS:
@@ -56,7 +61,7 @@ def test_the_study_searches_in_three_ways_and_flies_nothing_twice(tmp_path):
             assert run.configuration.scenario.point_mass is not None
 
     archives = {path: path.stat().st_mtime_ns for path in (tmp_path / "logs").glob("*/*.sqlite")}
-    assert len(archives) == 5
+    assert len(archives) == 6
     make_study(TINY, tmp_path / "there.json", tmp_path / "logs", **asked)
     assert page.read_text() == text
     assert archives == {path: path.stat().st_mtime_ns for path in archives}, "something was flown again"

@@ -1,0 +1,87 @@
+"""Of the points that searches on bodies have flown, those that are flyable, and which of these to begin with."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from controllers.flocking import FlockingParams
+from moflock_mj.airframes import load_airframe
+from moflock_mj.points import check_point
+from moflock_mj.scenario import Scenario
+from optimize.archive import RunDirectory
+from optimize.evaluation import OK, Evaluation
+from optimize.front import FlownFront, candidates, point_json
+from optimize.objectives import PAPER
+from optimize.validation import DYNAMICS, RIGID_BODY, Settings, Validation
+from optimize.validation_verbs import take_up
+from optimize.verdict import FLYABLE, judge
+
+NAMED = "steady"
+"""What the best flyable point is called."""
+
+RULE = "largest product of mean F_1 and F_2 of the points that are flyable"
+
+
+def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, FlockingParams]:
+    """Candidates, at most `most`, among the points that kept all limits in the few flights that searches gave them.
+
+    Args:
+        runs: directories of searches on bodies.
+        scenario: says the limits and the airframe.
+        most: of the points.
+
+    Returns:
+        The points by name, P1 and so on.
+    """
+    flown: defaultdict[FlockingParams, list[Evaluation]] = defaultdict(list)
+    for path in runs:
+        with RunDirectory.open(path) as run:
+            for evaluation in run.evaluations():
+                flown[evaluation.params].append(evaluation)
+    diameter = 2 * load_airframe(scenario.airframe).radius
+    kept: list[Evaluation] = []
+    for evaluations in flown.values():
+        figures = np.concatenate([evaluation.figures for evaluation in evaluations])
+        failed = sum(evaluation.outcome != OK for evaluation in evaluations)
+        if judge(figures, failed, scenario.verdict, diameter).name == FLYABLE:
+            kept += evaluations
+    points = candidates(kept, PAPER, most)
+    return {f"P{number}": check_point(point) for number, point in enumerate(points.tolist(), 1)}
+
+
+def judge_points(
+    path: Path, points: Mapping[str, FlockingParams], scenario: Scenario, seeds: tuple[int, ...], workers: int
+) -> Validation:
+    """Validate points in a directory, which is taken up again.
+
+    Raises:
+        MoflockError: there are none, or see `take_up`.
+    """
+    settings = Settings(scenario=scenario, points=points, seeds=seeds)
+    return take_up(path, settings, workers=workers, logs=False)[0]
+
+
+def best_flyable(found: Validation) -> int | None:
+    """Number of the flyable point with the largest product of its mean objectives on bodies; None if none is."""
+    flyable = [number for number, verdict in enumerate(found.verdicts) if verdict.name == FLYABLE]
+    products = found.objectives[RIGID_BODY].mean(axis=1).prod(axis=1)
+    return max(flyable, key=lambda number: float(products[number]), default=None)
+
+
+def provenance(found: Validation, number: int) -> str:
+    """A point of a validation, as it flew on bodies, as the JSON of a named point."""
+    front = FlownFront(
+        objectives=PAPER,
+        scenario=found.settings.scenario,
+        dynamics=DYNAMICS[RIGID_BODY],
+        seeds=found.settings.seeds,
+        points=np.array(list(found.settings.points.values()), np.float64),
+        fitness=found.fitness[RIGID_BODY],
+        failed=found.failed[RIGID_BODY],
+        origin={"search": "on bodies, in three ways, by `make physics`"},
+    )
+    return point_json(front, number, rule=RULE)
