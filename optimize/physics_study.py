@@ -59,8 +59,8 @@ class Effort(NamedTuple):
     points: int = 12
     seeds: int = 20
     population: int = 30
-    judged: int = 24
-    trials: int = 40
+    judged: int = 16
+    trials: int = 20
 
 
 def make_study(
