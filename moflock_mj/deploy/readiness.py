@@ -29,6 +29,8 @@ RATES = {
 repeat others, in a frame of the vehicle's own; PX4 sends them unasked.
 """
 
+_PX4_SIMULATED = int.from_bytes(b"ONIDLATI", "little")
+"""AUTOPILOT_VERSION.uid of a PX4 built for simulation, cut out of SIMULATIONID0000, at system id 1; others follow."""
 _NEEDED = (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,)
 """Messages without whose rate nobody flies."""
 _FIX_PATIENCE = 5.0
@@ -64,8 +66,8 @@ async def _prepare(vehicle: RemoteVehicle) -> None:
 async def require_simulated(vehicles: Sequence[RemoteVehicle]) -> None:
     """Refuse anybody who may be real: a rehearsal skips the pre-flight report.
 
-    A simulated vehicle is on this machine, and says what it is: our fleet's AUTOPILOT_VERSION has its mark, and
-    ArduPilot sends SIMSTATE only from its simulator.
+    A simulated vehicle is on this machine, and says what it is: the AUTOPILOT_VERSION of our fleet and of PX4's
+    simulation has a mark, and ArduPilot sends SIMSTATE only from its simulator.
 
     Raises:
         DeploymentError: one may be real.
@@ -80,7 +82,9 @@ async def require_simulated(vehicles: Sequence[RemoteVehicle]) -> None:
 
 async def _is_simulated(vehicle: RemoteVehicle) -> bool:
     version = vehicle.message("AUTOPILOT_VERSION")
-    if version is not None and tuple(version.middleware_custom_version) == SIMULATED:
+    if version is not None and (
+        tuple(version.middleware_custom_version) == SIMULATED or version.uid == _PX4_SIMULATED + vehicle.system - 1
+    ):
         return True
     ardupilot = vehicle.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     return ardupilot and await request_message(vehicle, mavlink.MAVLINK_MSG_ID_SIMSTATE, tries=2) is not None

@@ -128,7 +128,7 @@ class Conversation:
     def _run_prearm_checks(self, command: Command, peer: object) -> int:  # noqa: ARG002
         if self._vehicle.armed:
             return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        for reason in self._vehicle.prearm_objections():
+        for reason in filter(None, self._vehicle.prearm_objections()):
             self._vehicle.say(reason)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 

@@ -240,7 +240,7 @@ class Ground:
             return
         if self._routes[system] != (link, peer.address) and not self._follow(vehicle, link, peer):
             return
-        vehicle.note(message)
+        vehicle.note(message, peer.lost)
         self._tell(system, bytes(message.get_msgbuf()), is_sent=False)
 
     def _meet(self, link: GroundLink, message: Message, peer: Peer) -> RemoteVehicle | None:

@@ -37,7 +37,8 @@ class Counts:
 
     Attributes:
         received: packets that were delivered.
-        malformed: datagrams or parts of one that are no packet of MAVLink 2 of this dialect, wrong checksums included.
+        unknown: packets of kinds that this dialect does not have; firmware is often newer. They cannot be checked.
+        malformed: datagrams or parts of one that are no packet of MAVLink 2, wrong checksums included.
         unsigned: packets without a signature, or with one that is wrong or old, where links are signed.
         foreign: packets that are addressed to another system or component, or sent in this system's own name.
         lost: packets missing in the senders' sequences.
@@ -45,6 +46,7 @@ class Counts:
     """
 
     received: int = 0
+    unknown: int = 0
     malformed: int = 0
     unsigned: int = 0
     foreign: int = 0
@@ -53,7 +55,7 @@ class Counts:
 
     @property
     def dropped(self) -> int:
-        """Everything that came in and was not delivered."""
+        """Everything that came in and should not have."""
         return self.malformed + self.unsigned + self.foreign
 
 
@@ -62,22 +64,32 @@ class Peer:
 
     Attributes:
         address: where it is.
+        lost: packets missing in its sender's sequence just before the latest one that was delivered.
     """
 
     def __init__(self, address: Address, packer: Any) -> None:
         self.address = address
+        self.lost = 0
         self._packer = packer
         self._sequences: dict[tuple[int, int], int] = {}
 
-    def count_lost(self, system: int, component: int, sequence: int) -> int:
-        """Packets missing before this one of a sender; 0 for its first, and for a sender that began anew."""
+    def count_lost(self, system: int, component: int, sequence: int) -> None:
+        """Take note of a sender's packet; none is lost before its first, nor when it has begun anew."""
         source = (system, component)
         before = self._sequences.get(source)
+        self.lost = 0
         if before is None and len(self._sequences) >= _SOURCES_MAX:
-            return 0
+            return
         self._sequences[source] = sequence
         lost = 0 if before is None else (sequence - before - 1) % 256
-        return lost if lost < 128 else 0
+        self.lost = lost if lost < 128 else 0
+
+    def go_on(self, system: int, component: int, sequence: int) -> None:
+        """Take note of a packet that is not delivered, and may be unchecked: it may go on with a sequence, no more."""
+        source = (system, component)
+        before = self._sequences.get(source)
+        if before is not None and sequence == (before + 1) % 256:
+            self._sequences[source] = sequence
 
 
 class _Decoder(mavlink.MAVLink):  # type: ignore[misc]
@@ -220,18 +232,37 @@ class Endpoint(asyncio.DatagramProtocol):
             else:
                 self.counts.malformed += 1
             return
-        # A message of an unknown kind has not been checked at all.
         if message.get_msgId() < 0 or message.get_type().startswith("UNKNOWN"):
-            self.counts.malformed += 1
+            self._pass_over(frame, address)
             return
         system, component = message.get_srcSystem(), message.get_srcComponent()
-        if not self._is_addressed(message) or (system, component) == (self.system, self.component):
+        if (system, component) == (self.system, self.component):
             self.counts.foreign += 1
+            return
+        if not self._is_addressed(message):
+            self.counts.foreign += 1
+            self._go_on(frame, address)
             return
         peer = self.peer(address)
         self.counts.received += 1
-        self.counts.lost += peer.count_lost(system, component, message.get_seq())
+        peer.count_lost(system, component, message.get_seq())
+        self.counts.lost += peer.lost
         self._receive(message, peer)
+
+    def _pass_over(self, frame: bytes, address: Address) -> None:
+        """Take note of a packet of an unknown kind, which pymavlink has not checked at all: it is not lost."""
+        system, component = frame[5:7]
+        if self._key is not None and not self._decoder.check_signature(bytearray(frame), system, component):
+            self.counts.unsigned += 1
+            return
+        self.counts.unknown += 1
+        self._go_on(frame, address)
+
+    def _go_on(self, frame: bytes, address: Address) -> None:
+        """Go on with the sequence of a peer by a packet that is not delivered: it is not lost."""
+        if address in self.peers:
+            sequence, system, component = frame[4:7]
+            self.peers[address].go_on(system, component, sequence)
 
     def _is_addressed(self, message: Message) -> bool:
         """Whether a message is for everybody or for this system."""

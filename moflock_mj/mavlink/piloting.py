@@ -160,6 +160,8 @@ async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10
         await arm(vehicle, timeout=timeout)
         params: tuple[float, ...] = (0, 0, 0, 0, 0, 0, height)
     else:
+        # PX4 does not arm in LAND, nor in OFFBOARD without a stream, where it is again after a flight.
+        await set_mode(vehicle, STYLES[vehicle.autopilot].modes[Task.HOLD], timeout=timeout)
         await arm(vehicle, timeout=timeout)
         # PX4 counts above mean sea level; NaN: where it is, as it points.
         place = vehicle.fix
@@ -187,7 +189,7 @@ async def begin(vehicle: RemoteVehicle, task: Task, *, timeout: float = 5.0) -> 
 
 
 async def run_prearm_checks(vehicle: RemoteVehicle) -> int | None:
-    """Ask ArduPilot to tell why it would not arm, in status texts; returns the MAV_RESULT."""
+    """Ask a vehicle to tell why it would not arm, in status texts; returns the MAV_RESULT."""
     return await command(vehicle, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
 
@@ -208,5 +210,5 @@ async def _until(vehicle: RemoteVehicle, order: Message, done: Callable[[], bool
 
 def _said(vehicle: RemoteVehicle) -> str:
     """The last words of a vehicle, as they may tell why."""
-    words = [told.text for told in vehicle.texts if told.severity <= mavlink.MAV_SEVERITY_WARNING][-2:]
-    return f": it says {'; '.join(words)}" if words else ""
+    words = dict.fromkeys(told.text for told in vehicle.texts if told.severity <= mavlink.MAV_SEVERITY_WARNING)
+    return f": it says {'; '.join(list(words)[-2:])}" if words else ""

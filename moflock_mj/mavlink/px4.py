@@ -1,8 +1,8 @@
 """A simulated PX4 multicopter: its modes, parameters, arming and failsafes.
 
 Behaviour and defaults as PX4 1.17 has them (https://docs.px4.io/main/en/advanced_config/parameter_reference.html),
-measured where it surprises: OFFBOARD is accepted without a stream while disarmed, and a lost stream sends the vehicle
-home.
+measured where it surprises: OFFBOARD is accepted without a stream while disarmed, and then refuses to arm; a lost
+stream sends the vehicle home; after a landing it is back in OFFBOARD.
 """
 
 from __future__ import annotations
@@ -25,6 +25,11 @@ def _mode(main: int, sub: int = 0) -> int:
 MANUAL, ALTITUDE, POSITION, OFFBOARD = _mode(1), _mode(2), _mode(3), _mode(6)
 TAKEOFF, HOLD, MISSION, RETURN, LAND = _mode(4, 2), _mode(4, 3), _mode(4, 4), _mode(4, 5), _mode(4, 6)
 _WITHOUT_POSITION = (MANUAL, ALTITUDE)
+_WITH_STICKS = (MANUAL, ALTITUDE, POSITION)
+_ENDS = (TAKEOFF, RETURN, LAND)
+"""Modes that are over when it disarms: it goes back to the one before."""
+_UNSAID = ""
+"""An objection that PX4 tells by an event alone, and no status text."""
 
 _ACCEPTANCE = 10.0
 """m, NAV_ACC_RAD: nearer than this, a return needs no climb."""
@@ -115,8 +120,7 @@ class Px4(Vehicle):
 
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         super().__init__(system, origin, body, boot)
-        self._before_offboard = HOLD
-        self._offboard_asked = 0.0
+        self._after_disarming = HOLD
         self._battery_told = 0
         self._takeoff_asked = math.nan
 
@@ -131,7 +135,7 @@ class Px4(Vehicle):
 
     def base_mode(self) -> int:
         flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-        if self.mode in (MANUAL, ALTITUDE, POSITION):
+        if self.mode in _WITH_STICKS:
             return int(flags | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
         automatic = mavlink.MAV_MODE_FLAG_AUTO_ENABLED if self.mode != OFFBOARD else 0
         return int(flags | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED | automatic)
@@ -147,12 +151,10 @@ class Px4(Vehicle):
             return int(mavlink.MAV_RESULT_DENIED)
         if self.armed and mode not in _WITHOUT_POSITION and not self.estimator.position_ready:
             return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        if mode == OFFBOARD:
-            if self.armed and not self._streams():
-                return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-            if self.mode != OFFBOARD:
-                self._before_offboard = self.mode
-            self._offboard_asked = self.time
+        if mode == OFFBOARD and self.armed and not self._streams():
+            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        if mode not in _ENDS:
+            self._after_disarming = mode
         if mode != self.mode:
             self.set_mode(mode)
         if mode == OFFBOARD and self.armed and self.wish is not None:
@@ -176,6 +178,10 @@ class Px4(Vehicle):
             reasons.append("Preflight Fail: Low battery level")
         if self.fence_enabled and self._is_outside():
             reasons.append("Preflight Fail: Geofence violation")
+        if self.parameters["NAV_DLL_ACT"] and (self.ground_heard is None or self.ground_lost):
+            reasons.append("Preflight Fail: No connection to the GCS")
+        if self.mode in (*_WITH_STICKS, RETURN, LAND) or (self.mode == OFFBOARD and not self._streams()):
+            reasons.append(_UNSAID)
         return reasons
 
     def prearm_objections(self) -> list[str]:
@@ -183,7 +189,7 @@ class Px4(Vehicle):
 
     def refuse_arming(self, objections: list[str]) -> int:
         self.say("Arming denied: Resolve system health failures first")
-        for reason in objections:
+        for reason in filter(None, objections):
             self.say(reason)
         return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
@@ -213,6 +219,10 @@ class Px4(Vehicle):
         self.wish = wish  # counts as a stream in any mode
         if self.mode == OFFBOARD and self.armed:
             self._fly(wish)
+
+    def after_disarming(self) -> None:
+        if self.mode in _ENDS:
+            self.set_mode(self._after_disarming)
 
     def took_off(self) -> None:
         if self.mode == TAKEOFF:
@@ -262,11 +272,7 @@ class Px4(Vehicle):
             self.take_off(max(altitude, 0.5), self.parameters["MPC_TKO_SPEED"])
 
     def _watch_stream(self) -> None:
-        if self.mode != OFFBOARD or self._streams():
-            return
-        if not self.armed:
-            if self.time - self._offboard_asked > self.parameters["COM_OF_LOSS_T"]:
-                self.set_mode(self._before_offboard)
+        if self.mode != OFFBOARD or self._streams() or not self.armed:
             return
         self.say("Failsafe activated: Offboard control lost")
         # Without a remote control there are no manual modes to fall back to: the vehicle returns.

@@ -13,6 +13,8 @@ from moflock_mj.mavlink.dialect import Message, mavlink
 from moflock_mj.mavlink.geodesy import Origin, Triple, world_of_ned
 
 _TEXTS_MAX = 200
+_EVENT_TOO = "\t"
+"""With which PX4 ends a status text that it sends as an event, too."""
 _ROUND_TRIPS = 50
 _PENDING_MAX = 20
 _WINDOW = 10
@@ -82,7 +84,6 @@ class LinkQuality:
         self.received = 0
         self.lost = 0
         self.round_trips: collections.deque[float] = collections.deque(maxlen=_ROUND_TRIPS)
-        self._sequence: int | None = None
         self._looks: collections.deque[tuple[float, int, int]] = collections.deque(maxlen=_WINDOW + 1)
         self._asked: dict[int, float] = {}
 
@@ -113,13 +114,10 @@ class LinkQuality:
         """Take note of the counts; once a second."""
         self._looks.append((time, self.received, self.lost))
 
-    def count(self, sequence: int) -> None:
-        """Take note of a packet."""
+    def count(self, lost: int) -> None:
+        """Take note of a packet, and of those that are missing before it."""
         self.received += 1
-        if self._sequence is not None:
-            lost = (sequence - self._sequence - 1) % 256
-            self.lost += lost if lost < 128 else 0
-        self._sequence = sequence
+        self.lost += lost
 
     def ask(self, time: float) -> None:
         """Take note of a TIMESYNC that is sent now."""
@@ -248,10 +246,10 @@ class RemoteVehicle:
 
     # What comes in.
 
-    def note(self, message: Message) -> None:
-        """Take a message of this vehicle."""
+    def note(self, message: Message, lost: int = 0) -> None:
+        """Take a message of this vehicle, before which so many are missing."""
         now, name = self._clock(), message.get_type()
-        self.link.count(message.get_seq())
+        self.link.count(lost)
         self.latest[name] = Heard(message, now)
         if name == "GLOBAL_POSITION_INT":
             self._note_place(message, now)
@@ -293,9 +291,10 @@ class RemoteVehicle:
 
     def _note_text(self, message: Message, now: float) -> None:
         if getattr(message, "chunk_seq", 0) and self.texts:
-            self.texts[-1] = self.texts[-1]._replace(text=(self.texts[-1].text + message.text)[:1000])
+            text = (self.texts[-1].text + message.text)[:1000]
+            self.texts[-1] = self.texts[-1]._replace(text=text.removesuffix(_EVENT_TOO))
         else:
-            self.texts.append(StatusText(now, message.severity, message.text))
+            self.texts.append(StatusText(now, message.severity, message.text.removesuffix(_EVENT_TOO)))
 
 
 def timesync_stamp(time: float) -> int:

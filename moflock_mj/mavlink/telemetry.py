@@ -164,7 +164,10 @@ class Telemetry:
 
     def _sys_status(self) -> Message:
         vehicle = self._vehicle
-        battery, enabled = vehicle.battery, _SENSORS
+        battery, present = vehicle.battery, _SENSORS
+        if vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4:
+            present &= ~(mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_GEOFENCE)
+        enabled = present
         if not vehicle.fence_enabled:
             enabled &= ~mavlink.MAV_SYS_STATUS_GEOFENCE
         healthy = enabled
@@ -174,10 +177,15 @@ class Telemetry:
             healthy &= ~mavlink.MAV_SYS_STATUS_AHRS
         if vehicle.breached:
             healthy &= ~mavlink.MAV_SYS_STATUS_GEOFENCE
-        if vehicle.prearm_objections():
-            healthy &= ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        healthy &= ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        if not vehicle.prearm_objections():
+            # PX4 sets this bit here alone.
+            healthy |= mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        if vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4:
+            # Nobody has a remote control, which PX4 calls enabled, for it misses it.
+            enabled |= mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
         return mavlink.MAVLink_sys_status_message(
-            _SENSORS, enabled, healthy, 300, round(battery.voltage * 1000), round(battery.current * 100),
+            present, enabled, healthy, 300, round(battery.voltage * 1000), round(battery.current * 100),
             round(battery.remaining * 100), 0, 0, 0, 0, 0, 0,
         )  # fmt: skip
 
@@ -306,8 +314,10 @@ class Telemetry:
         estimator = self._vehicle.estimator
         ratio = min(estimator.variance, 10.0)
         accuracy = 8 * ratio  # 0.4 m in good health
+        # PX4 calls the position of a vehicle that stands still constant.
+        still = mavlink.ESTIMATOR_CONST_POS_MODE if self._vehicle.phase == Phase.GROUND else 0
         return mavlink.MAVLink_estimator_status_message(
-            self._microseconds(), estimator.flags, ratio, ratio, 0.05, 0.05, 0.0, 0.0, accuracy, 0.5
+            self._microseconds(), estimator.flags | still, ratio, ratio, 0.05, 0.05, 0.0, 0.0, accuracy, 0.5
         )
 
 

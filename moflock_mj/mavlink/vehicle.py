@@ -410,6 +410,10 @@ class Vehicle(abc.ABC):
         self.armed = self.failsafe = False
         self.say("Disarming motors", mavlink.MAV_SEVERITY_INFO)
         self._stand()
+        self.after_disarming()
+
+    def after_disarming(self) -> None:  # noqa: B027
+        """Do what the autopilot does then; ArduPilot stays in its mode."""
 
     def _disarm_when_idle(self) -> None:
         delay, _ = self.disarm_delays()

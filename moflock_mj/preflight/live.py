@@ -20,8 +20,8 @@ from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.geodesy import Origin
 from moflock_mj.mavlink.ground import Ground, Traffic, vehicles_at
 from moflock_mj.mavlink.orders import request_message, set_rates
-from moflock_mj.mavlink.piloting import run_prearm_checks, style_of
-from moflock_mj.mavlink.remote import RemoteVehicle
+from moflock_mj.mavlink.piloting import STYLES, Task, run_prearm_checks, set_mode, style_of
+from moflock_mj.mavlink.remote import RemoteVehicle, mode_name
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight.grades import FLOCK, Grade, Item, judged
 from moflock_mj.preflight.report import CheckedVehicle
@@ -34,7 +34,7 @@ from moflock_mj.preflight.settings import (
     return_altitude,
     settings_items,
 )
-from moflock_mj.preflight.vehicle_items import battery_item, link_items, readiness
+from moflock_mj.preflight.vehicle_items import about, battery_item, link_items, readiness
 from moflock_mj.preflight.wanted import Needs
 from moflock_mj.scenario import Scenario
 
@@ -56,7 +56,7 @@ _WATCH = 6.0
 """s, over which rates and losses are taken at the least."""
 _LOOK = 0.5
 _PREARM_AGAIN = 10.0
-"""s, after which ArduPilot is asked again why it would not arm."""
+"""s, after which a vehicle is asked again why it would not arm."""
 _CLOCKS = 1.0
 """s, by which the vehicles' clocks may differ."""
 _POSITION_ID = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
@@ -148,6 +148,7 @@ class _Inspector:
         self._loop = asyncio.get_running_loop()
         self._positions: collections.Counter[int] = collections.Counter()
         self._clocks: dict[int, float] = {}
+        self._changes: list[str] = []
 
     async def look(self) -> Inspection:
         """All of it, one after the other."""
@@ -158,12 +159,12 @@ class _Inspector:
         origin = self._origin()
         if origin is None:
             items = self._readiness(None, Grade.FAILURE)
-            return self._inspection(items, [], [(None, 0.0)] * len(self._vehicles))
+            return self._inspection(items, [(None, 0.0)] * len(self._vehicles))
         # A vehicle that still had no position when it was first asked sent none; that is not its link's fault.
         self._positions.clear()
         began = self._loop.time()
         self._told("reading parameters and fences")
-        settings, changes = await self._settle(origin)
+        settings = await self._settle(origin)
         watched = began + _WATCH - self._loop.time()
         if watched > 0:
             self._told("watching the links")
@@ -175,17 +176,15 @@ class _Inspector:
             items += link_items(vehicle, self._scenario, self._positions[vehicle.system] / seconds)
             items += settings_items(vehicle, style, self._needs(number, origin), settings[number], self._scenario)
         items += self._flock(origin, settings)
-        return self._inspection(items, changes, [(found.capacity, found.low) for found in settings])
+        return self._inspection(items, [(found.capacity, found.low) for found in settings])
 
-    def _inspection(
-        self, items: list[Item], changes: list[str], packs: Sequence[tuple[float | None, float]]
-    ) -> Inspection:
+    def _inspection(self, items: list[Item], packs: Sequence[tuple[float | None, float]]) -> Inspection:
         trips = [vehicle.link.round_trip for vehicle in self._vehicles]
         vehicles = self._vehicles
         return Inspection(
             vehicles=tuple(map(checked_vehicle, vehicles)),
             items=tuple(items),
-            changes=tuple(changes),
+            changes=tuple(self._changes),
             link_delay=max((trip / 2 for trip in trips if math.isfinite(trip)), default=0.0),
             batteries=lambda energy: [
                 battery_item(vehicle, capacity, energy, low=low)
@@ -200,8 +199,17 @@ class _Inspector:
         await set_rates(vehicle, rates)
         for number in (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_HOME_POSITION):
             await request_message(vehicle, number, tries=2)
-        if style == "ardupilot":
-            await run_prearm_checks(vehicle)
+        if self._plan.fix and style == "px4" and not vehicle.armed:
+            await self._make_armable(vehicle)
+        await run_prearm_checks(vehicle)
+
+    async def _make_armable(self, vehicle: RemoteVehicle) -> None:
+        """Let a PX4 on the ground hold, as a take-off begins: it judges for its present mode whether it would arm."""
+        before, hold = vehicle.mode, STYLES[vehicle.autopilot].modes[Task.HOLD]
+        if before not in STYLES[vehicle.autopilot].taking_off:
+            await set_mode(vehicle, hold)
+            names = (mode_name(vehicle.autopilot, mode) for mode in (before, hold))
+            self._changes.append(f"{about(vehicle)}: mode: {' -> '.join(names)}")
 
     async def _until_ready(self) -> None:
         """Wait while anything is RUNNING, at most as long as the plan allows."""
@@ -215,12 +223,11 @@ class _Inspector:
             await asyncio.sleep(_LOOK)
             if self._loop.time() - asked > _PREARM_AGAIN:
                 asked = self._loop.time()
-                await asyncio.gather(*map(self._ask_again, self._vehicles, self._styles))
+                await asyncio.gather(*map(self._ask_again, self._vehicles))
 
-    async def _ask_again(self, vehicle: RemoteVehicle, style: str) -> None:
+    async def _ask_again(self, vehicle: RemoteVehicle) -> None:
         await request_message(vehicle, mavlink.MAVLINK_MSG_ID_HOME_POSITION, tries=1)
-        if style == "ardupilot":
-            await run_prearm_checks(vehicle)
+        await run_prearm_checks(vehicle)
 
     def _readiness(self, origin: Origin | None, running: Grade) -> list[Item]:
         """The vehicles' items; what still runs gets the grade `running`."""
@@ -238,11 +245,11 @@ class _Inspector:
     def _needs(self, number: int, origin: Origin) -> Needs:
         return needs_of(self._vehicles[number], number, len(self._vehicles), origin, self._scenario)
 
-    async def _settle(self, origin: Origin) -> tuple[list[Settings], list[str]]:
-        """Settings of all, after they were put right if that is wished; and what was changed."""
+    async def _settle(self, origin: Origin) -> list[Settings]:
+        """Settings of all, after they were put right if that is wished."""
         found = await self._read(origin)
         if not self._plan.fix:
-            return found, []
+            return found
         self._told("putting parameters and fences right")
         flying = [vehicle for vehicle in self._vehicles if vehicle.armed or vehicle.landed is False]
         if flying:
@@ -253,7 +260,8 @@ class _Inspector:
                 for number, (vehicle, style) in enumerate(zip(self._vehicles, self._styles, strict=True))
             )
         )
-        return await self._read(origin), list(itertools.chain.from_iterable(changes))
+        self._changes += itertools.chain.from_iterable(changes)
+        return await self._read(origin)
 
     async def _read(self, origin: Origin) -> list[Settings]:
         return await asyncio.gather(

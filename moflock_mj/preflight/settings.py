@@ -84,7 +84,8 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
     capacity = await read_parameter(vehicle, _CAPACITY[autopilot], tries=_TRIES)
     low = await read_parameter(vehicle, _LOW[autopilot], tries=_TRIES)
     shapes = await _read_shapes(vehicle, origin)
-    full = capacity.value if capacity else None
+    # PX4's -1 and ArduPilot's 0 are of a battery that nobody has described.
+    full = capacity.value if capacity and capacity.value > 0 else None
     return Settings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
 
 

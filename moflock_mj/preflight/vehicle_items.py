@@ -6,6 +6,7 @@ Thresholds are those that ArduPilot, PX4 and their ground stations use; see the 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 from moflock_mj.mavlink.dialect import Message, mavlink
@@ -38,6 +39,8 @@ _NOT_SENSORS = _PREARM | int(mavlink.MAV_SYS_STATUS_GEOFENCE) | int(mavlink.MAV_
 _GLITCH, _CONSTANT_POSITION = 0x400, 0x80
 _POSITIONED = 0x1 | 0x2 | 0x10
 """Attitude, horizontal velocity, absolute horizontal position; the two messages agree in these flags."""
+_BY_GPS = 0x200
+"""Absolute horizontal position is predicted, as PX4 says while its estimator takes the GPS's."""
 
 
 def about(vehicle: RemoteVehicle) -> str:
@@ -58,7 +61,7 @@ def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, sce
     return [
         _link(vehicle),
         _standing(vehicle),
-        _prearm(vehicle),
+        _prearm(vehicle, autopilot),
         _sensors(vehicle),
         *_gps(vehicle, autopilot),
         *_estimator(vehicle, autopilot),
@@ -139,32 +142,42 @@ def _standing(vehicle: RemoteVehicle) -> Item:
     )  # fmt: skip
 
 
+_REASON = re.compile("arm|preflight", re.IGNORECASE)
+"""In a status text that tells why a vehicle would not arm: ArduPilot's PreArm:, PX4's Preflight Fail:."""
 _LANDED = {True: "on the ground", False: "in the air", None: "does not say whether landed"}
 
 
-def _prearm(vehicle: RemoteVehicle) -> Item:
-    """ArduCopter's bit was measured healthy 18 s before its position could be used: the estimator counts besides."""
+def _prearm(vehicle: RemoteVehicle, autopilot: str) -> Item:
+    """ArduCopter's bit was measured healthy 18 s before its position could be used: the estimator counts besides.
+
+    PX4 tells of these checks by the healthy bit alone, and never that they are present.
+    """
     name, limit = "arming checks", "the autopilot would arm"
     status = _present(vehicle, "SYS_STATUS")
     if status is None:
         return _running(name, vehicle, None, limit, "SYS_STATUS does not come")
-    if not status.onboard_control_sensors_present & _PREARM:
+    if autopilot == "ardupilot" and not status.onboard_control_sensors_present & _PREARM:
         return Item(
             name=name, about=about(vehicle), grade=Grade.WARNING, value="not reported", limit=limit,
             advice="its firmware does not report them: look at its own ground station",
         )  # fmt: skip
     if status.onboard_control_sensors_health & _PREARM:
         return judged(name, about(vehicle), good=True, value=f"healthy in {vehicle.mode_name}", limit=limit, advice="")
-    reasons = [told.text for told in vehicle.texts if "arm" in told.text.lower()]
+    reasons = [told.text for told in vehicle.texts if _REASON.search(told.text)]
     said = "; ".join(dict.fromkeys(reasons[-6:])) or "it gives no reason"
-    return _running(name, vehicle, said, limit, f"mend what it says: {said}")
+    advice = f"mend what it says: {said}"
+    if autopilot == "px4":
+        # What it has against its mode, PX4 does not say.
+        said, advice = f"{said}, in {vehicle.mode_name}", f"{advice}; it arms in HOLD, not in LAND, RETURN or OFFBOARD"
+    return _running(name, vehicle, said, limit, advice)
 
 
 def _sensors(vehicle: RemoteVehicle) -> Item:
     status = _present(vehicle, "SYS_STATUS")
     if status is None:
         return _running("sensors", vehicle, None, "all healthy", "SYS_STATUS does not come")
-    on = status.onboard_control_sensors_present & status.onboard_control_sensors_enabled & ~_NOT_SENSORS
+    # What PX4 needs and does not find is enabled without being present.
+    on = status.onboard_control_sensors_enabled & ~_NOT_SENSORS
     sick = on & ~status.onboard_control_sensors_health
     names = ", ".join(_sensor_names(sick))
     if sick:
@@ -195,7 +208,7 @@ def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
             f"at least {_SATELLITES}", lambda count: count >= _SATELLITES,
         ),
         (
-            "GPS HDOP", None if told.eph == 65535 else told.eph / 100, "", f"at most {_HDOP:g}",
+            "GPS HDOP", None if told.eph in (0, 65535) else told.eph / 100, "", f"at most {_HDOP:g}",
             lambda hdop: hdop <= _HDOP,
         ),
         (
@@ -223,7 +236,9 @@ def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
     if told is None:
         return [_running("estimator", vehicle, None, "with a position", f"{name} does not come")]
     flags = int(told.flags)
-    good = flags & _POSITIONED == _POSITIONED and not flags & _CONSTANT_POSITION
+    good = flags & _POSITIONED == _POSITIONED
+    # PX4 says that its position is constant whenever it stands still, with or without GPS.
+    good = good and bool(flags & _BY_GPS if autopilot == "px4" else not flags & _CONSTANT_POSITION)
     # 0x400 is "not started" in EKF_STATUS_REPORT and "GPS glitch" in ESTIMATOR_STATUS: bad in both.
     good = good and not flags & _GLITCH
     items = [

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from controllers.airframe import ROTORS
 from moflock_mj import Scenario
 from moflock_mj.air import Battery, Downwash, Imu, Wind
 from moflock_mj.airframes import airframe_names
 from moflock_mj.live_bodies import LiveBodies
 from moflock_mj.randomness import Streams
+from moflock_mj.world import GRAVITY
 
 PLACES = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]])
 
@@ -92,3 +94,18 @@ def test_gps_errors_walk_once_in_each_fix_and_stay_small():
         bodies.advance(4)
     assert np.var(errors) == pytest.approx(0.005, rel=0.4)
     np.testing.assert_allclose(bodies.qpos[:, :2], PLACES, atol=1e-6)
+
+
+def test_the_outer_noise_comes_with_height():
+    """Free bodies that weigh nothing: deviation sqrt(2 sigma_outer t) of the velocity high up, half of it half way."""
+    share = np.repeat([0.0, 0.5, 1.0], 60)
+    places = np.stack((5.0 * np.arange(share.size), np.zeros(share.size)), axis=1)
+    bodies = LiveBodies(Scenario(sigma_outer=0.2), places, Streams.of(1), piloted=False)
+    bodies.qpos[:, 2] = bodies.ground + 5.0 * share + 3.0 * (share == 1)
+    bodies.thrust_command[:] = bodies.airframe.mass * GRAVITY / ROTORS
+    bodies.advance(100)
+    flown = 100 * bodies.step
+    for part, factor in ((share == 0.5, 0.5), (share == 1.0, 1.0)):
+        deviation = bodies.qvel[part, :2].std()
+        assert deviation == pytest.approx(factor * np.sqrt(2 * 0.2 * flown), rel=0.25)
+    assert np.abs(bodies.qvel[share == 0.0, :2]).max() < 1e-3

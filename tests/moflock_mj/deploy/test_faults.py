@@ -96,7 +96,8 @@ def test_a_vehicle_loses_its_gps(autopilot):
     assert "its failsafe flies it, in LAND" in told(deployed, 2)
     assert deployed.error is None
     assert not truth.armed[-1].any()
-    assert fleet.stations[2].vehicle.mode == (ardupilot.LAND if autopilot == "ardupilot" else px4.LAND)
+    # PX4 is back in the mode that it was told when it disarms.
+    assert fleet.stations[2].vehicle.mode == (ardupilot.LAND if autopilot == "ardupilot" else px4.OFFBOARD)
 
 
 def test_a_battery_is_low():

@@ -14,7 +14,7 @@ import pytest
 
 from moflock_mj import load_point
 from moflock_mj.deploy.permission import candidates, require_permission
-from moflock_mj.deploy.readiness import parse_origin
+from moflock_mj.deploy.readiness import parse_origin, require_simulated
 from moflock_mj.deploy.watchdogs import Action, Watchdog, Watchdogs
 from moflock_mj.errors import CheckFailedError, DeploymentError, LinkError, MoflockError, ReportError
 from moflock_mj.mavlink.dialect import mavlink
@@ -61,11 +61,6 @@ def vehicle(system=1, uid=7):
     told.note(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
     told.note(mavlink.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, uid))
     return told
-
-
-@pytest.fixture(autouse=True)
-def _messages_have_a_sequence(monkeypatch):
-    monkeypatch.setattr(mavlink.MAVLink_message, "get_seq", lambda _: 0)
 
 
 def report(**changes):
@@ -180,6 +175,14 @@ def test_a_rehearsal_with_who_may_be_real_is_refused(monkeypatch):
     monkeypatch.setattr("moflock_mj.mavlink.telemetry.SIMULATED", (0,) * 8)
     with pytest.raises(MoflockError, match="does not say that it is simulated: it needs a report"):
         rehearse(SCENARIO.replace(drones=1))
+
+
+def test_px4s_own_simulation_says_what_it_is():
+    """Its identity is SIMULATIONID0000, of which AUTOPILOT_VERSION has eight letters, one more for each system id."""
+    first = 5283920058631409231
+    asyncio.run(require_simulated([vehicle(1, first), vehicle(3, first + 2)]))
+    with pytest.raises(MoflockError, match="does not say that it is simulated"):
+        asyncio.run(require_simulated([vehicle(3, first)]))
 
 
 def test_a_rehearsal_on_sockets(tmp_path):

@@ -36,12 +36,46 @@ def test_it_streams_by_itself(station):
     assert (beat.type, beat.autopilot, beat.custom_mode) == (2, 12, 4 << 16 | 3 << 24)
 
 
-def test_offboard_is_accepted_without_a_stream_while_disarmed_and_reverts(station):
+def is_armable(station):
+    station.wait(1.0)
+    return bool(station.latest("SYS_STATUS").onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+
+
+def test_offboard_is_accepted_without_a_stream_while_disarmed_and_does_not_arm(station):
     assert station.mode(OFFBOARD) == ACCEPTED
-    station.wait(0.1)
+    station.wait(3.0)
     assert station.latest("HEARTBEAT").custom_mode == OFFBOARD
-    station.wait(1.5)
-    assert station.latest("HEARTBEAT").custom_mode == HOLD
+    assert station.arm() == REJECTED
+    assert station.texts()[-1] == "Arming denied: Resolve system health failures first"
+
+
+@pytest.mark.parametrize(
+    ("mode", "armable"), [(HOLD, True), (TAKEOFF, True), (LAND, False), (RETURN, False), (OFFBOARD, False)]
+)
+def test_whether_it_would_arm_goes_by_its_mode(station, mode, armable):
+    assert station.mode(mode) == ACCEPTED
+    assert is_armable(station) == armable
+
+
+def test_without_the_ground_station_that_it_must_not_lose_it_does_not_arm(station):
+    station.set_parameter("NAV_DLL_ACT", 3)
+    station.beats = False
+    station.wait(12.0)
+    assert station.arm() == REJECTED
+    assert station.texts()[-1] == "Preflight Fail: No connection to the GCS"
+    station.beats = True
+    assert is_armable(station)
+
+
+def test_after_a_landing_it_is_back_in_offboard(station):
+    station.take_off(3.0)
+    station.wait(1.0, setpoint=velocity(0, 0, 0))
+    assert station.mode(OFFBOARD) == ACCEPTED
+    station.wait(1.0, setpoint=velocity(0, 0, 0))
+    assert station.mode(LAND) == ACCEPTED
+    assert station.wait(20.0, until=lambda: not station.vehicle.armed)
+    assert station.vehicle.mode == OFFBOARD
+    assert not is_armable(station)
 
 
 def test_offboard_without_a_stream_is_refused_in_the_air(station):
@@ -96,6 +130,7 @@ def test_a_stream_that_is_lost(station, action, mode):
 @pytest.mark.parametrize(("action", "mode"), [(0, HOLD), (2, RETURN), (3, LAND)])
 def test_loss_of_the_ground_station(station, action, mode):
     station.set_parameter("NAV_DLL_ACT", action)
+    station.wait(0.1)
     station.take_off(5.0)
     station.wait(1.0)
     station.beats = False

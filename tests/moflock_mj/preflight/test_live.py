@@ -10,6 +10,7 @@ import pytest
 from moflock_mj import Scenario
 from moflock_mj.errors import LinkError, OrderError
 from moflock_mj.mavlink.fleet_faults import Fault
+from moflock_mj.mavlink.px4 import HOLD, OFFBOARD
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight.grades import Grade
 from moflock_mj.preflight.live import LivePlan, inspect
@@ -74,6 +75,29 @@ def test_nothing_changes_until_it_is_asked_for_and_then_all_is_well(autopilot):
     again = look(fleet, fix=True)
     assert (wrong(again), again.changes) == ({}, ())
     assert not any(station.vehicle.armed for station in fleet.stations)
+
+
+def test_a_px4_that_is_in_offboard_after_a_flight_is_let_hold():
+    fleet = fleet_of("px4")
+    vehicle = fleet.stations[0].vehicle
+    vehicle.request_mode(OFFBOARD)
+    seen = look(fleet, wait=1.0)
+    assert wrong(seen)[("vehicle 1", "arming checks")] is Grade.FAILURE
+    assert vehicle.mode == OFFBOARD
+    fixed = look(fleet, fix=True)
+    assert wrong(fixed) == {}
+    assert "vehicle 1: mode: OFFBOARD -> HOLD" in fixed.changes
+    assert vehicle.mode == HOLD
+
+
+@pytest.mark.parametrize("unknown", [-1.0, 0.0])
+def test_a_battery_that_nobody_has_described_must_have_half(unknown):
+    """PX4's BAT1_CAPACITY is -1 until somebody sets it."""
+    fleet = fleet_of("px4", faults=[Fault.from_text("drone=0,kind=low_battery,value=0.45")])
+    fleet.stations[0].vehicle.parameters.set_value("BAT1_CAPACITY", unknown)
+    (battery,) = look(fleet).batteries(60_000.0)
+    assert battery.grade is Grade.FAILURE
+    assert "half, of an unknown capacity" in battery.limit
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +182,7 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
 
     async def arm():
         await asyncio.sleep(5.0)
-        fleet.stations[1].vehicle.arm(force=False)
+        fleet.stations[1].vehicle.arm(force=True)
 
     with pytest.raises(OrderError, match=r"vehicle 2 .* is armed or flies: nothing was changed"):
         look(fleet, fix=True, first=arm, wait=1.0)

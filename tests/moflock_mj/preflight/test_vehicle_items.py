@@ -47,25 +47,12 @@ class Listener:
             for field, value in self.changes.get(name, {}).items():
                 old = getattr(message, field)
                 setattr(message, field, value(old) if callable(value) else value)
-            self.remote.note(Arrived(message))
+            self.remote.note(message)
 
     def items(self, origin=None):
         style = "px4" if self.autopilot == mavlink.MAV_AUTOPILOT_PX4 else "ardupilot"
         found = readiness(self.remote, style, origin or Origin(), SCENARIO)
         return {item.name: item for item in found}
-
-
-class Arrived:
-    """A message with the header that it got on its way."""
-
-    def __init__(self, message):
-        self._message = message
-
-    def __getattr__(self, name):
-        return getattr(self._message, name)
-
-    def get_seq(self):
-        return 0
 
 
 def without(bits):
@@ -80,8 +67,9 @@ def test_a_good_vehicle_passes(station):
     ("name", "changes", "grade", "value"),
     [
         ("arming checks", {"SYS_STATUS": {"onboard_control_sensors_health": without(PREARM)}}, "running", "no reason"),
-        ("arming checks", {"SYS_STATUS": {"onboard_control_sensors_present": without(PREARM)}}, "warning", "not rep"),
         ("sensors", {"SYS_STATUS": {"onboard_control_sensors_health": without(MAG)}}, "running", "3d_mag"),
+        ("sensors", {"SYS_STATUS": {"onboard_control_sensors_health": without(MAG),
+                                    "onboard_control_sensors_present": without(MAG)}}, "running", "3d_mag"),
         ("GPS fix", {"GPS_RAW_INT": {"fix_type": 2}}, "running", 2.0),
         ("GPS satellites", {"GPS_RAW_INT": {"satellites_visible": 5}}, "running", 5.0),
         ("GPS HDOP", {"GPS_RAW_INT": {"eph": 141}}, "running", 1.41),
@@ -110,6 +98,7 @@ def test_each_row_has_what_fails_it(station, name, changes, grade, value):
         ("estimator's compass variance", "ardupilot", "EKF_STATUS_REPORT", {"compass_variance": 0.81}),
         ("estimator's velocity variance", "ardupilot", "EKF_STATUS_REPORT", {"velocity_variance": float("nan")}),
         ("estimator", "px4", "ESTIMATOR_STATUS", {"flags": 0xA7}),
+        ("estimator", "px4", "ESTIMATOR_STATUS", {"flags": 0x1BF}),
         ("estimator", "px4", "ESTIMATOR_STATUS", {"flags": 0x73F}),
         ("estimator's mag ratio", "px4", "ESTIMATOR_STATUS", {"mag_ratio": 0.9}),
         ("estimator's accuracy", "px4", "ESTIMATOR_STATUS", {"pos_horiz_accuracy": 5.5}),
@@ -145,6 +134,43 @@ def test_what_was_told_long_ago_is_not_the_present(station):
     assert {items[name].grade for name in ("sensors", "arming checks", "GPS", "estimator")} == {Grade.RUNNING}
 
 
+def test_a_real_px4_that_stands_ready_passes():
+    """As PX4 1.17 told them: a bit of arming checks that is healthy without being present, a remote control that is
+    missed, a position that is constant at rest, and no HDOP.
+    """
+    told = {
+        "SYS_STATUS": {
+            "onboard_control_sensors_present": 0x300C02F,
+            "onboard_control_sensors_enabled": 0x301C02F,
+            "onboard_control_sensors_health": 0x1320C83F,
+        },
+        "ESTIMATOR_STATUS": {"flags": 0x3BF},
+        "GPS_RAW_INT": {"eph": 0, "epv": 0},
+    }
+    items = Listener(fleet_of("px4").stations[0], told).items()
+    assert {item.grade for item in items.values()} == {Grade.PASS}
+    assert "GPS HDOP" not in items
+
+
+def test_an_ardupilot_that_does_not_report_its_checks():
+    listener = Listener(
+        fleet_of("ardupilot").stations[0], {"SYS_STATUS": {"onboard_control_sensors_present": without(PREARM)}}
+    )
+    item = listener.items()["arming checks"]
+    assert (item.grade, item.value) == (Grade.WARNING, "not reported")
+
+
+def test_why_a_px4_would_not_arm_is_told_with_its_mode():
+    listener = Listener(
+        fleet_of("px4").stations[0],
+        {"SYS_STATUS": {"onboard_control_sensors_health": without(PREARM)}, "HEARTBEAT": {"custom_mode": 6 << 16}},
+    )
+    text = mavlink.MAVLink_statustext_message(4, b"Preflight Fail: heading estimate not stable\t")
+    listener.remote.note(text)
+    item = listener.items()["arming checks"]
+    assert item.value == "Preflight Fail: heading estimate not stable, in OFFBOARD"
+
+
 def test_why_a_vehicle_would_not_arm_is_told():
     """As ArduCopter's status texts have it, in a reason and not a bare bit."""
     listener = Listener(
@@ -152,7 +178,7 @@ def test_why_a_vehicle_would_not_arm_is_told():
         {"SYS_STATUS": {"onboard_control_sensors_health": without(PREARM)}},
     )
     text = mavlink.MAVLink_statustext_message(2, b"PreArm: Compass not calibrated")
-    listener.remote.note(Arrived(text))
+    listener.remote.note(text)
     item = listener.items()["arming checks"]
     assert "Compass not calibrated" in str(item.value)
 
