@@ -252,14 +252,31 @@ def write_directory(path: Path, scenario: Scenario, configuration: str) -> None:
     Raises:
         SearchError: there is something already, or it cannot be written.
     """
+    check_new(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
-        if any(path.iterdir()):
-            raise SearchError(f"run directory {path}: it is not empty; it must be new, or be resumed")
         _write(path / "scenario.toml", scenario.to_toml())
         _write(path / "configuration.json", configuration)
     except OSError as problem:
         raise SearchError(f"run directory {path}: {problem.strerror}") from None
+
+
+def check_new(path: Path) -> None:
+    """Refuse a directory that has something in it.
+
+    Raises:
+        SearchError: it has, or is no directory.
+    """
+    try:
+        if path.exists() and any(path.iterdir()):
+            raise SearchError(f"run directory {path}: it is not empty; it must be new, or be resumed")
+    except OSError as problem:
+        raise SearchError(f"run directory {path}: {problem.strerror}") from None
+
+
+def is_directory(path: Path) -> bool:
+    """Whether `write_directory` has been here."""
+    return (path / "configuration.json").is_file()
 
 
 def read_directory(path: Path, read: Callable[[str, str], Read]) -> Read:
@@ -268,7 +285,7 @@ def read_directory(path: Path, read: Callable[[str, str], Read]) -> Read:
     Raises:
         SearchError: there are none, or they cannot be read.
     """
-    if not (path / "configuration.json").is_file():
+    if not is_directory(path):
         raise SearchError(f"run directory {path}: it must hold a configuration.json, and does not")
     try:
         return read(

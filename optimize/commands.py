@@ -70,10 +70,16 @@ def pca_command(
     bounds: BoundsFile = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path | None, typer.Option(help="Objectives for optimize, .json; a figure goes beside it.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Objectives for optimize, .json; a figure and the flights, .flights, go beside it."),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Group the six fitnesses into objectives by principal component analysis."""
+    """Group the six fitnesses into objectives by principal component analysis.
+
+    Flights are kept beside --out, or in logs/: the same command goes on after Ctrl-C.
+    """
     from optimize import verbs  # noqa: PLC0415 - loads the search's libraries
 
     return verbs.pca(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from controllers.flocking import FlockingParams
@@ -35,9 +35,9 @@ def search_scenario(scenario: Scenario, dynamics: str) -> Scenario:
     return scenario
 
 
-def installed_versions() -> dict[str, str]:
-    """Versions of what a search's result depends on."""
-    return {name: importlib.metadata.version(name) for name in _LIBRARIES}
+def installed_versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
+    """Versions of what a search's result depends on, or of other libraries."""
+    return {name: importlib.metadata.version(name) for name in libraries}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

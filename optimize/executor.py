@@ -8,6 +8,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Protocol, Self
@@ -25,16 +26,20 @@ _POLL = 0.5
 """s between two looks at the clock while all workers fly."""
 
 
-class Executor(Protocol):
+class Flier(Protocol):
     """Flies evaluations, somewhere."""
+
+    def evaluate(self, tasks: Sequence[Task]) -> Iterator[Evaluation]:
+        """Each task's evaluation, exactly once, in the order in which they are done; none raises."""
+        ...
+
+
+class Executor(Flier, Protocol):
+    """Flies evaluations with workers of its own."""
 
     @property
     def workers(self) -> int:
         """How many at a time."""
-        ...
-
-    def evaluate(self, tasks: Sequence[Task]) -> Iterator[Evaluation]:
-        """Each task's evaluation, exactly once, in the order in which they are done; none raises."""
         ...
 
     def close(self) -> None:
@@ -158,7 +163,8 @@ class _Worker:
         self.pipe, theirs = context.Pipe()
         self._job = job
         self._process = context.Process(target=_work, args=(theirs, job), daemon=True)
-        self._process.start()
+        with _deaf_to_interrupts():
+            self._process.start()
         theirs.close()  # so that the pipe ends when the process does
         self._began = 0.0
         self.name = ""
@@ -217,9 +223,22 @@ class _Worker:
         return f"the worker died (exit code {self._process.exitcode})"
 
 
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes that are started meanwhile never notice Ctrl-C in their terminal: it is the parent's affair.
+
+    A new process inherits the mask, and so is deaf from its first instruction on, not only when it has loaded all.
+    """
+    resource_tracker.ensure_running()  # which `start` would do, and it ends by taking SIGINT off the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _work(pipe: Connection, job: Job) -> None:
     """A worker's life: fly what comes, until the parent is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal is the parent's affair
     with contextlib.suppress(EOFError, OSError):  # the pipe's end: the parent is gone
         pipe.send(_first_words(job))
         while True:

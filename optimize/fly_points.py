@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
+from moflock_mj.errors import SearchError
 from optimize.evaluation import OK, Evaluation, Task
-from optimize.executor import Executor
+from optimize.executor import Flier
 
 Told = Callable[[int, int], None]
 """Told, after each flight, how many of how many are done."""
@@ -31,7 +32,11 @@ class FlownPoints(NamedTuple):
 
 
 def fly_points(
-    executor: Executor, points: NDArray[np.float64], seeds: Sequence[Sequence[int]], told: Told | None = None
+    executor: Flier,
+    points: NDArray[np.float64],
+    seeds: Sequence[Sequence[int]],
+    told: Told | None = None,
+    variants: Sequence[int] = (),
 ) -> FlownPoints:
     """Fly each point once on each of its seeds.
 
@@ -40,13 +45,15 @@ def fly_points(
         points: (n, 12).
         seeds: (n, S), those of each point.
         told: of progress.
+        variants: which of the job's variants each point flies; none for its own scenario.
     """
     shape = (len(points), len(seeds[0]))
     # One flight in each task: the workers are then busy to the end, and progress is smooth.
-    tasks = [
-        Task(number, FlockingParams(*map(float, points[number // shape[1]])), (int(seed),))
-        for number, seed in enumerate(seed for row in seeds for seed in row)
-    ]
+    tasks = []
+    for number, seed in enumerate(seed for row in seeds for seed in row):
+        point = number // shape[1]
+        variant = variants[point] if variants else None
+        tasks.append(Task(number, FlockingParams(*map(float, points[point])), (int(seed),), variant))
     flown: dict[int, Evaluation] = {}
     for evaluation in executor.evaluate(tasks):
         flown[evaluation.number] = evaluation
@@ -57,6 +64,17 @@ def fly_points(
     failed = np.array([evaluation.outcome != OK for evaluation in ordered])
     figures = np.array([evaluation.figures[0] for evaluation in ordered])
     return FlownPoints(fitness.reshape(*shape, -1), figures.reshape(*shape, -1), failed.reshape(shape).sum(axis=1))
+
+
+def check_counts(**counts: int) -> None:
+    """Refuse what is fewer than two.
+
+    Raises:
+        SearchError: one line.
+    """
+    for name, count in counts.items():
+        if count < 2:
+            raise SearchError(f"{name}: {count} is out of bounds: it must be at least 2")
 
 
 def fresh_seeds(count: int, used: Collection[int] = ()) -> tuple[int, ...]:

@@ -20,8 +20,8 @@ from sklearn.preprocessing import StandardScaler
 from moflock_mj.bounds import Bounds
 from moflock_mj.errors import SearchError
 from moflock_mj.scenario import Scenario
-from optimize.executor import Executor
-from optimize.fly_points import Told, fly_points
+from optimize.executor import Flier
+from optimize.fly_points import Told, check_counts, fly_points
 from optimize.objectives import FITNESS_NAMES, Objectives
 from optimize.reference import COVARIANCE, FIRST_COMPONENT
 
@@ -104,8 +104,7 @@ def random_points(
     Raises:
         SearchError: an unknown way, or too few points.
     """
-    if count < 2:
-        raise SearchError(f"points: {count} are too few: it must be at least 2")
+    check_counts(points=count)
     size = len(bounds.lower)
     if sampling == "uniform":
         unit = rng.random((count, size))
@@ -117,7 +116,7 @@ def random_points(
 
 
 def study(
-    executor: Executor,
+    executor: Flier,
     bounds: Bounds,
     *,
     points: int = 500,

@@ -14,9 +14,8 @@ from moflock_mj.errors import SearchError
 from moflock_mj.flock import Flock
 from moflock_mj.scenario import Scenario
 from optimize.configuration import search_scenario
-from optimize.evaluation import Job
-from optimize.executor import Executor, make_executor
-from optimize.fly_points import Told, fly_points
+from optimize.executor import Flier
+from optimize.fly_points import Told, check_counts, fly_points
 from optimize.objectives import FITNESS_NAMES
 
 SAMPLES = 64
@@ -71,7 +70,7 @@ class OneAtATime(NamedTuple):
 
 
 def one_at_a_time(
-    executor: Executor,
+    executor: Flier,
     point: FlockingParams,
     bounds: Bounds,
     *,
@@ -93,19 +92,8 @@ def one_at_a_time(
     return OneAtATime(values, flown.fitness.reshape(len(values), levels, len(seeds), -1))
 
 
-def check_counts(**counts: int) -> None:
-    """Refuse what is fewer than two.
-
-    Raises:
-        SearchError: one line.
-    """
-    for name, count in counts.items():
-        if count < 2:
-            raise SearchError(f"{name}: {count} is out of bounds: it must be at least 2")
-
-
 def sobol_indices(
-    executor: Executor, bounds: Bounds, *, samples: int = SAMPLES, seed: int = 1, told: Told | None = None
+    executor: Flier, bounds: Bounds, *, samples: int = SAMPLES, seed: int = 1, told: Told | None = None
 ) -> SobolIndices:
     """Fly Saltelli's design over the bounds, one flight per point, all on the same seed.
 
@@ -113,14 +101,11 @@ def sobol_indices(
     et al. 2010, Variance based sensitivity analysis of model output (SALib).
 
     Raises:
-        SearchError: SALib is not installed, or the samples are no power of two.
+        SearchError: see `check_samples`.
     """
-    if samples < 2 or samples & (samples - 1):
-        raise SearchError(f"samples: {samples} is out of bounds: it must be a power of two of at least 2")
-    try:
-        from SALib.sample import sobol as design  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise SearchError("sensitivity: it takes the package SALib: pip install 'moflock-mj[sensitivity]'") from None
+    check_samples(samples)
+    from SALib.sample import sobol as design  # noqa: PLC0415
+
     problem = {
         "num_vars": len(FlockingParams._fields),
         "names": list(FlockingParams._fields),
@@ -129,6 +114,20 @@ def sobol_indices(
     points = design.sample(problem, samples, calc_second_order=False, seed=seed)
     flown = fly_points(executor, points, [(seed,)] * len(points), told)
     return _analysed(problem, flown.fitness[:, 0, : len(FITNESS_NAMES)], seed)
+
+
+def check_samples(samples: int) -> None:
+    """Refuse what no Sobol indices can be had of.
+
+    Raises:
+        SearchError: SALib is not installed, or the samples are no power of two.
+    """
+    if samples < 2 or samples & (samples - 1):
+        raise SearchError(f"samples: {samples} is out of bounds: it must be a power of two of at least 2")
+    try:
+        import SALib  # noqa: F401, PLC0415 - an extra
+    except ImportError:
+        raise SearchError("sensitivity: it takes the package SALib: pip install 'moflock-mj[sensitivity]'") from None
 
 
 def _analysed(problem: dict[str, Any], fitness: NDArray[np.float64], seed: int) -> SobolIndices:
@@ -146,29 +145,41 @@ def _analysed(problem: dict[str, Any], fitness: NDArray[np.float64], seed: int) 
     return SobolIndices(first, total, first_width, total_width, len(fitness))
 
 
+def swept_scenarios(
+    point: FlockingParams, scenario: Scenario, field: str, values: Sequence[float], dynamics: str
+) -> list[Scenario]:
+    """The scenario with a field at each of the values, in which the point can be flown.
+
+    Raises:
+        MoflockError: it cannot.
+    """
+    found = [search_scenario(scenario.replace(**{field: value}), dynamics) for value in values]
+    for flown in found:
+        Flock(point, flown, dynamics, seed=0)
+    return found
+
+
 def sweep(
+    executor: Flier,
     point: FlockingParams,
-    scenario: Scenario,
     field: str,
     values: Sequence[float],
     *,
-    dynamics: str,
+    variants: Sequence[int],
     seeds: tuple[int, ...],
-    workers: int,
-    scheduler: str | None = None,
     told: Told | None = None,
 ) -> Sweep:
-    """Fly a point in the scenario with a field at each of the values, on the same seeds.
+    """Fly a point in scenarios that differ in a field, on the same seeds.
 
-    Raises:
-        MoflockError: a scenario that cannot be flown, or fewer than two seeds.
+    Args:
+        executor: of a job whose variants are `swept_scenarios`.
+        point: that is flown.
+        field: of the scenarios.
+        values: (L,), of the field.
+        variants: (L,), the numbers of the job's variants that have them.
+        seeds: of the flights.
+        told: of progress.
     """
-    check_counts(seeds=len(seeds))
-    scenarios = [search_scenario(scenario.replace(**{field: value}), dynamics) for value in values]
-    for flown in scenarios:
-        Flock(point, flown, dynamics, seeds[0])  # what cannot be flown is refused before anything is
-    rows = []
-    for flown in scenarios:
-        with make_executor(Job(scenario=flown, dynamics=dynamics), workers, scheduler) as executor:
-            rows.append(fly_points(executor, np.array([point]), [seeds], told).fitness[0])
-    return Sweep(field, np.array(values, np.float64), np.array(rows))
+    points = np.tile(np.array(point), (len(values), 1))
+    flown = fly_points(executor, points, [seeds] * len(values), told, variants)
+    return Sweep(field, np.array(values, np.float64), flown.fitness)

@@ -89,10 +89,15 @@ def sensitivity_command(
     bounds: BoundsFile = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path, typer.Option(help="Folder of the figure and the JSON.")] = Path("logs/sensitivity"),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of figure, JSON and flights; this study's own in logs/ if absent.")
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Sobol indices of the six fitnesses to the 12 parameters, and one parameter at a time around a point."""
+    """Sobol indices of the six fitnesses to the 12 parameters, and one parameter at a time around a point.
+
+    Flights are kept in the folder: the same command goes on after Ctrl-C.
+    """
     from optimize.sensitivity_verbs import sensitivity  # noqa: PLC0415
 
     return sensitivity(
@@ -122,10 +127,15 @@ def sweep_command(
     duration: Duration = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path, typer.Option(help="Folder of the figures and the JSON.")] = Path("logs/sweep"),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of figures, JSON and flights; this study's own in logs/ if absent.")
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Fly a point in scenarios of other sizes, delays and arenas."""
+    """Fly a point in scenarios of other sizes, delays and arenas.
+
+    Flights are kept in the folder: the same command goes on after Ctrl-C.
+    """
     from optimize.sensitivity_verbs import sweeps  # noqa: PLC0415
 
     given = {"drones": drones, "t_del": t_del, "arena_side": arena_side}

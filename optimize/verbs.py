@@ -24,7 +24,9 @@ from optimize.executor import Executor, make_executor
 from optimize.figures import components_figure, save
 from optimize.findings import flown_front, gather
 from optimize.flight_figures import target_figure
+from optimize.fly_points import check_counts
 from optimize.front import SEEDS, FlownFront, choose, point_json
+from optimize.kept_flights import Study, kept_flights
 from optimize.objectives import Objectives
 from optimize.pca import Agreement, PrincipalComponents, agreement, components_json, grouped_by_sign, study
 from optimize.reference import FIRST_COMPONENT
@@ -53,29 +55,38 @@ def pca(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Fly random points, analyse their fitnesses, print the matrices; `out`: JSON for `optimize`, and a figure beside.
+    """Fly random points, analyse their fitnesses, print the matrices.
+
+    `out` gets JSON for `optimize`; a figure and a folder of the flights go beside it. Without it the flights alone
+    are kept, in `logs/`.
 
     Raises:
         MoflockError: what was asked for cannot be flown or written.
     """
+    check_counts(points=points)
     scenario = search_scenario(scenario, dynamics)
     job = Job(scenario=scenario, dynamics=dynamics)
-    with make_executor(job, workers, scheduler) as executor, flights_progress("random points") as told:
-        found, _ = study(executor, bounds, points=points, seed=seed, sampling=sampling, told=told)
-    objectives = grouped_by_sign(found, scenario)
-    if out is not None:
-        with new_file(out) as place:
-            place.write_text(components_json(found, objectives), encoding="utf-8")
-        labels = [f"F_{name}" for name in found.names]
-        save(
-            lambda: components_figure(found, labels, "Covariance of the fitnesses", FIRST_COMPONENT),
-            out.with_suffix(".png"),
-        )
+    settings = {"dynamics": dynamics, "bounds": bounds.to_dict(), "points": points, "seed": seed, "sampling": sampling}
+    asked = Study(verb="pca", scenario=scenario, settings=settings)
+    folder = out.with_suffix(".flights") if out else asked.default_folder()
+    with kept_flights(asked, folder, job, workers, scheduler) as flights:
+        with flights_progress("random points") as told:
+            found, _ = study(flights, bounds, points=points, seed=seed, sampling=sampling, told=told)
+        objectives = grouped_by_sign(found, scenario)
+        if out is not None:
+            with new_file(out) as place:
+                place.write_text(components_json(found, objectives), encoding="utf-8")
+            labels = [f"F_{name}" for name in found.names]
+            save(
+                lambda: components_figure(found, labels, "Covariance of the fitnesses", FIRST_COMPONENT),
+                out.with_suffix(".png"),
+            )
     near = agreement(found)
     if as_json:
         print(json.dumps({**json.loads(components_json(found, objectives)), "agreement": near._asdict()}, indent=1))
     else:
         _print_components(found, objectives, near)
+        print(f"flights: {folder}")
     return 0
 
 

@@ -14,7 +14,7 @@ from moflock_mj.points import paper_point
 from moflock_mj.scenario import Scenario
 from optimize.coverage import coverage
 from optimize.evaluation import Job, Task, evaluate
-from optimize.executor import LocalExecutor, make_executor
+from optimize.executor import LocalExecutor, _Worker, make_executor
 
 TINY = Scenario(drones=5, arena_side=120.0, duration=10.0, step=0.1)
 LONG = TINY.replace(drones=30, duration=20_000.0)
@@ -145,6 +145,16 @@ def test_no_process_outlives_its_executor():
 def command_of(pid):
     with open(f"/proc/{pid}/cmdline") as command:  # noqa: PTH123
         return command.read()
+
+
+def test_ctrl_c_is_no_affair_of_a_worker_that_is_starting():
+    worker = _Worker(Job(scenario=TINY, dynamics="point_mass"))
+    try:
+        os.kill(worker._process.pid, signal.SIGINT)
+        worker.answer()
+        assert worker.ready
+    finally:
+        worker.end()
 
 
 def test_ctrl_c_is_the_parents():
