@@ -44,7 +44,7 @@ def moflock() -> None:
 @app.command("fly", epilog="Example: moflock fly --point A --drones 20 --duration 120 --log logs/a.mcap")
 def fly_command(
     point: Annotated[
-        str, typer.Option(help="knee, fast, cohesive, A, B, model_optimum, or a .json file of parameters.")
+        str, typer.Option(help="knee, fast, cohesive, steady, A, B, model_optimum, or a .json file of parameters.")
     ] = "knee",
     dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
     scenario: ScenarioFile = None,
@@ -288,7 +288,7 @@ class Finish(enum.StrEnum):
     LAND = "land"
 
 
-_DEPLOY_EXAMPLE = """Example: moflock deploy knee --vehicles udp:127.0.0.1:14600-14609 --duration 60 --rehearse
+_DEPLOY_EXAMPLE = """Example: moflock deploy steady --vehicles udp:127.0.0.1:14600-14609 --duration 60 --rehearse
 
 Vehicles are KIND:HOST:PORT or KIND:HOST:PORT-LAST, several separated by commas. udp (udpout): we speak first, to
 vehicles that listen, such as those of moflock fleet. udpin: we listen; PX4 speaks to port 14540 + i, ArduPilot to
@@ -304,7 +304,7 @@ asked for is flown by somebody else, and never commanded again."""
 
 @app.command("deploy", epilog=_DEPLOY_EXAMPLE)
 def deploy_command(
-    point: Annotated[str, typer.Argument(help="knee, fast, cohesive, A, B, model_optimum, or a .json file.")],
+    point: Annotated[str, typer.Argument(help="knee, fast, cohesive, steady, A, B, model_optimum, or a .json file.")],
     vehicles: Annotated[str, typer.Option(help="Where they are, such as udp:127.0.0.1:14600-14609.")],
     scenario: ScenarioFile = None,
     duration: Annotated[float | None, typer.Option(help="Seconds in the flock; by default the scenario's.")] = None,

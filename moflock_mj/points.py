@@ -27,8 +27,9 @@ _PAPER_POINTS = {
     ),
 }  # fmt: skip
 
-_OWN_POINTS = ("fast", "knee", "cohesive")
-"""Points that our own search has found; `named_points/` has each with its provenance, as `make paper` writes it."""
+_OWN_POINTS = ("fast", "knee", "cohesive", "steady")
+"""Points that our own searches have found; `named_points/` has each with its provenance. `make paper` writes the first
+three, found on point masses, and `make physics` the last, which is flyable on bodies."""
 
 _OWN_FOLDER = Path(__file__).parent / "named_points"
 
@@ -45,7 +46,7 @@ def point_names() -> tuple[str, ...]:
 
 
 def named_point(name: str) -> FlockingParams:
-    """A point of the paper's, or one of our own: "fast", "knee" or "cohesive".
+    """A point of the paper's, or one of our own: "fast", "knee", "cohesive" or "steady".
 
     Raises:
         PointError: another name.

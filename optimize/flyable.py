@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
 from moflock_mj.airframes import load_airframe
@@ -23,11 +25,12 @@ from optimize.verdict import FLYABLE, judge
 NAMED = "steady"
 """What the best flyable point is called."""
 
-RULE = "largest product of mean F_1 and F_2 of the points that are flyable"
+RULE = "largest product of mean F_1 and F_2 of the points that are flyable and keep twice the least separation"
+"""Twice, since what 20 flights have just kept, the next 20 may not."""
 
 
 def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, FlockingParams]:
-    """Candidates, at most `most`, among the points that kept all limits in the few flights that searches gave them.
+    """Candidates, at most `most`, among the points that kept all limits, and twice the separation, in all their flights.
 
     Args:
         runs: directories of searches on bodies.
@@ -42,12 +45,11 @@ def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dic
         with RunDirectory.open(path) as run:
             for evaluation in run.evaluations():
                 flown[evaluation.params].append(evaluation)
-    diameter = 2 * load_airframe(scenario.airframe).radius
     kept: list[Evaluation] = []
     for evaluations in flown.values():
         figures = np.concatenate([evaluation.figures for evaluation in evaluations])
         failed = sum(evaluation.outcome != OK for evaluation in evaluations)
-        if judge(figures, failed, scenario.verdict, diameter).name == FLYABLE:
+        if _is_safe(figures, failed, scenario):
             kept += evaluations
     points = candidates(kept, PAPER, most)
     return {f"P{number}": check_point(point) for number, point in enumerate(points.tolist(), 1)}
@@ -66,10 +68,11 @@ def judge_points(
 
 
 def best_flyable(found: Validation) -> int | None:
-    """Number of the flyable point with the largest product of its mean objectives on bodies; None if none is."""
-    flyable = [number for number, verdict in enumerate(found.verdicts) if verdict.name == FLYABLE]
+    """Number of the point that `RULE` chooses; None if there is none."""
+    flown = zip(found.figures[RIGID_BODY], found.failed[RIGID_BODY], strict=True)
+    safe = [i for i, (figures, failed) in enumerate(flown) if _is_safe(figures, int(failed), found.settings.scenario)]
     products = found.objectives[RIGID_BODY].mean(axis=1).prod(axis=1)
-    return max(flyable, key=lambda number: float(products[number]), default=None)
+    return max(safe, key=lambda number: float(products[number]), default=None)
 
 
 def provenance(found: Validation, number: int) -> str:
@@ -85,3 +88,10 @@ def provenance(found: Validation, number: int) -> str:
         origin={"search": "on bodies, in three ways, by `make physics`"},
     )
     return point_json(front, number, rule=RULE)
+
+
+def _is_safe(figures: NDArray[np.float64], failed: int, scenario: Scenario) -> bool:
+    """Whether flights (S, F) would make a point flyable even if drones had to keep twice as far apart."""
+    diameter, limits = 2 * load_airframe(scenario.airframe).radius, scenario.verdict
+    stricter = dataclasses.replace(limits, separation=2 * limits.least_separation(diameter))
+    return judge(figures, failed, stricter, diameter).name == FLYABLE

@@ -116,8 +116,8 @@ def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None)
                 _points_table(fronts.searched[REFINED]),
                 "## Which are safe to fly",
                 f"Of all points that the searches flew, the {len(judged.names)} most promising of those that kept all "
-                f"limits in their few flights, validated on {len(judged.settings.seeds)} seeds that none of them has "
-                f"flown. {_named(judged, best)}",
+                "limits, and twice the separation, in their few flights, validated on "
+                f"{len(judged.settings.seeds)} seeds that none of them has flown. {_named(judged, best)}",
                 _verdicts_table(judged),
             ]
         )
@@ -177,7 +177,7 @@ def _points_table(fronts: Sequence[FlownFront]) -> str:
 
 def _named(judged: Validation, best: int | None) -> str:
     if best is None:
-        return "None is flyable."
+        return "None is safe enough to be named."
     return f"{judged.names[best]} is the named point `{NAMED}`: {RULE}."
 
 

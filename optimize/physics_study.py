@@ -59,7 +59,7 @@ class Effort(NamedTuple):
     points: int = 12
     seeds: int = 20
     population: int = 30
-    judged: int = 16
+    judged: int = 40
     trials: int = 20
 
 

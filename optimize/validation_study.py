@@ -32,7 +32,7 @@ from optimize.validation_figures import fronts_figure
 from optimize.validation_page import page
 from optimize.validation_verbs import take_up, write
 
-POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive")
+POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive", "steady")
 
 
 def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_seeds: int, workers: int) -> Path:

@@ -14,7 +14,7 @@ commands = typer.Typer()
 
 _FLIGHTS = 10
 
-_EXAMPLE = """Example: moflock preflight knee --scenario field.toml --vehicles udp:127.0.0.1:14600-14609 --fix
+_EXAMPLE = """Example: moflock preflight steady --scenario field.toml --vehicles udp:127.0.0.1:14600-14609 --fix
 
 Without --vehicles: bounds, ranges, braking and loops of the point, and flights on rigid bodies in the scenario to be
 flown. With --vehicles, too: links, arming checks, sensors, GPS, estimators, homes, batteries, parameters and fences of
