@@ -30,7 +30,7 @@ RULE = "largest product of mean F_1 and F_2 of the points that are flyable and k
 
 
 def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, FlockingParams]:
-    """Candidates, at most `most`, among the points that kept all limits, and twice the separation, in all their flights.
+    """Candidates, at most `most`, among points that kept all limits, and twice the separation, in all their flights.
 
     Args:
         runs: directories of searches on bodies.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ _FIGURE = "physics/fronts.png"
 PLAIN, SCREENED, REFINED = KINDS = ("plain", "screened", "refined")
 """Searches on bodies: as they are, screened on point masses, and screened from the front found on point masses."""
 
-_POINT_MASS = "found on point masses"
+_POINT_MASS, _TOGETHER = "found on point masses", "found on bodies in all searches"
 _NAMES = {
     PLAIN: "found on bodies",
     SCREENED: "found on bodies, screened",
@@ -84,7 +85,9 @@ def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None)
     """
     scenario, seeds = fronts.point_mass.scenario, len(fronts.point_mass.seeds)
     runs, response = len(fronts.searched[REFINED]), flights.response
+    together = together_front(fronts)
     kinds = {_POINT_MASS: (fronts.point_mass,)} | {_NAMES[kind]: some for kind, some in fronts.searched.items()}
+    kinds[_TOGETHER] = (together,)
     rows = [
         (name, str(hypervolumes(some)), *_best(some), str(sum(len(front.remaining) for front in some)))
         for name, some in kinds.items()
@@ -110,10 +113,10 @@ def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None)
                 "Intervals are 95 %, by the jackknife over the seeds (Tukey 1958); they hold for these searches, and "
                 "do not tell how far another search of the same kind would end from them.",
                 f"![The fronts]({_FIGURE})",
-                f"## The front {_NAMES[REFINED]}",
-                "Best F_1 first, of all such searches. `moflock pick` and `moflock validate` take the searches' "
-                "directories.",
-                _points_table(fronts.searched[REFINED]),
+                "## The front on bodies",
+                f"What remains of all points {_TOGETHER}, best F_1 first. Of many that are flown the lucky lead: "
+                "some of its hypervolume is luck. `moflock pick` and `moflock validate` take searches' directories.",
+                _points_table(together),
                 "## Which are safe to fly",
                 f"Of all points that the searches flew, the {len(judged.names)} most promising of those that kept all "
                 "limits, and twice the separation, in their few flights, validated on "
@@ -155,24 +158,30 @@ def _best(fronts: Sequence[FlownFront]) -> list[str]:
 def _differences(fronts: Fronts) -> list[str]:
     there = (fronts.point_mass,)
     pairs = [(f"{_NAMES[SCREENED]}; less unscreened", fronts.searched[SCREENED], fronts.searched[PLAIN])]
+    pairs += [(_TOGETHER + "; less " + _POINT_MASS, (together_front(fronts),), there)]
     pairs += [(f"{_NAMES[kind]}; less {_POINT_MASS}", some, there) for kind, some in fronts.searched.items()]
     return [f"hypervolume, {name}: {difference(first, second)}" for name, first, second in pairs]
 
 
-def _points_table(fronts: Sequence[FlownFront]) -> str:
-    rows = sorted(
-        (
-            (front.mean[number], front.half_width[number], front.points[number])
-            for front in fronts
-            for number in front.remaining
-        ),
-        key=lambda row: -row[0][0],
+def together_front(fronts: Fronts) -> FlownFront:
+    """The points of all searches on bodies as one front."""
+    found = [front for some in fronts.searched.values() for front in some]
+    return dataclasses.replace(
+        found[0],
+        points=np.concatenate([front.points for front in found]),
+        fitness=np.concatenate([front.fitness for front in found]),
+        failed=np.concatenate([front.failed for front in found]),
+        origin={},
     )
+
+
+def _points_table(front: FlownFront) -> str:
+    rows = [(front.mean[number], front.half_width[number], front.points[number]) for number in front.remaining]
     words = [
         (*(f"{m:.3f} +- {h:.3f}" for m, h in zip(mean, width, strict=True)), *(f"{value:.4g}" for value in point))
         for mean, width, point in rows
     ]
-    return markdown((*fronts[0].objectives.names, *FlockingParams._fields), words)
+    return markdown((*front.objectives.names, *FlockingParams._fields), words)
 
 
 def _named(judged: Validation, best: int | None) -> str:
