@@ -111,8 +111,8 @@ class Member:
     def tell(self, task: Task, now: float) -> None:
         """Give it a task; the order goes out with the next `update`, and again until HEARTBEAT shows it."""
         wanted = self.style.modes[task]
-        # Orders that are still under way may yet show.
-        pending = set() if self._confirmed else self._allowed
+        # Orders that are still under way may yet show, and so may the end of a take-off, after which PX4 holds.
+        pending = set() if self._confirmed and self.task is not None else self._allowed
         self._allowed = {self.vehicle.mode, wanted} | pending
         self.task, self._confirmed, self._again = task, False, now
 

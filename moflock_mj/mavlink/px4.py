@@ -69,6 +69,7 @@ def _defaults(system: int) -> dict[str, Parameter]:
         "MPC_LAND_ALT2": Parameter(REAL32, 5.0),
         "MPC_ACC_HOR": Parameter(REAL32, 3.0),
         "MPC_ACC_HOR_MAX": Parameter(REAL32, 5.0),
+        "MPC_JERK_AUTO": Parameter(REAL32, 4.0),
         "MPC_TILTMAX_AIR": Parameter(REAL32, 45.0),
         "RTL_RETURN_ALT": Parameter(REAL32, 60.0),
         "RTL_DESCEND_ALT": Parameter(REAL32, 30.0),

@@ -6,7 +6,9 @@ folder beside its `etc`.
 
 from __future__ import annotations
 
+import asyncio
 import json
+import math
 import os
 import signal
 import subprocess
@@ -15,6 +17,12 @@ from pathlib import Path
 
 import pytest
 
+from moflock_mj.deploy.readiness import RATES
+from moflock_mj.mavlink.connections import parse_vehicles
+from moflock_mj.mavlink.dialect import mavlink
+from moflock_mj.mavlink.ground import vehicles_at
+from moflock_mj.mavlink.orders import set_rates
+from moflock_mj.mavlink.piloting import STREAM_FIRST, Task, begin, take_off, velocity_setpoint
 from tests.moflock_mj.autopilot.copter_pilot import CopterPilot
 
 MOFLOCK = Path(sys.executable).parent / "moflock"
@@ -62,13 +70,76 @@ def test_arducopters_take_off_hold_follow_a_velocity_and_land(vehicles, tmp_path
     assert (end["present"], end["restarts"]) == (vehicles, 0)
 
 
-def test_a_px4_is_in_lock_step(tmp_path):
+async def fly_px4() -> list[float]:
+    """One flight by our own ground station; returns the velocity north, m/s, as it followed 3 m/s.
+
+    PX4 sends to UDP port 14550 by itself.
+    """
+    async with vehicles_at(parse_vehicles("udpin:127.0.0.1:14550"), timeout=120.0) as (_, (vehicle,)):
+        assert await set_rates(vehicle, RATES) == []
+
+        async def until(condition, what):
+            try:
+                async with asyncio.timeout(300.0):
+                    while not condition():
+                        await asyncio.sleep(0.05)
+            except TimeoutError:
+                pytest.fail(f"not {what}: {vehicle.mode_name}, {vehicle.fix}, {[told.text for told in vehicle.texts]}")
+
+        def can_arm():
+            status = vehicle.message("SYS_STATUS")
+            return status and status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+
+        async def stream():
+            while True:
+                vehicle.send(velocity_setpoint(vehicle.system, tuple(velocity)))
+                await asyncio.sleep(0.05)
+
+        await until(lambda: can_arm() and vehicle.fix and vehicle.home(), "ready")
+        await take_off(vehicle, 10.0, timeout=60.0)
+        await until(lambda: vehicle.mode_name == "HOLD" and vehicle.fix.height > 9.0, "climbed")
+        velocity = [0.0, 0.0, 0.0]
+        streaming = asyncio.create_task(stream())
+        await asyncio.sleep(STREAM_FIRST)
+        await begin(vehicle, Task.OBEY, timeout=60.0)
+        velocity[1] = 3.0
+        await until(lambda: vehicle.velocity[1] > 2.7, "fast")
+        north = []
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            north.append(vehicle.velocity[1])
+        await begin(vehicle, Task.HOLD, timeout=60.0)
+        streaming.cancel()
+        await until(lambda: math.hypot(*vehicle.velocity) < 0.5, "held")
+        assert vehicle.fix.height == pytest.approx(10.0, abs=1.5)
+        await begin(vehicle, Task.LAND, timeout=60.0)
+        await until(lambda: not vehicle.armed and vehicle.landed, "landed")
+        return north
+
+
+def test_a_px4_takes_off_follows_a_velocity_holds_and_lands_in_lock_step(tmp_path):
     px4 = program("MOFLOCK_PX4")
+    (tmp_path / "calm.toml").write_text("sigma_outer = 0.0\nsigma_inner = 0.0\n")
     command = f"env PX4_SYS_AUTOSTART=10016 {px4} -i {{instance}} -d {px4.parent.parent / 'etc'}"
-    wish = ["--physics-for", "px4", "--autopilot-command", command, "--json", "--duration", "20"]
-    done = subprocess.run(
-        [MOFLOCK, "fleet", *wish], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=True
-    )
-    end = json.loads(done.stdout.splitlines()[-1])
-    assert end["present"] == 1
-    assert end["received"] > 0.5 * 20 * 250
+    wish = [
+        "--physics-for",
+        "px4",
+        "--vehicles",
+        "1",
+        "--scenario",
+        "calm.toml",
+        "--autopilot-command",
+        command,
+        "--json",
+    ]
+    moflock = subprocess.Popen([MOFLOCK, "fleet", *wish], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    try:
+        assert json.loads(moflock.stdout.readline())["ports"] == [4560]
+        north = asyncio.run(fly_px4())
+    finally:
+        moflock.send_signal(signal.SIGINT)
+        out, _ = moflock.communicate(timeout=30)
+    assert sum(north) / len(north) == pytest.approx(3.0, abs=0.3)
+    end = json.loads(out)
+    assert (end["present"], end["restarts"], end["dropped"]) == (1, 0, 0)
+    assert end["received"] == pytest.approx(250 * end["time"], rel=0.02)

@@ -58,6 +58,7 @@ def test_what_fix_sets_passes(autopilot):
         ("px4", "MPC_XY_VEL_MAX", 5.0),
         ("px4", "MPC_ACC_HOR", 3.0),
         ("px4", "MPC_ACC_HOR_MAX", 5.0),
+        ("px4", "MPC_JERK_AUTO", 4.0),
         ("px4", "MPC_TILTMAX_AIR", 20.0),
         ("px4", "NAV_DLL_ACT", 0.0),
         ("px4", "COM_DL_LOSS_T", 60.0),
@@ -74,6 +75,15 @@ def test_each_parameter_has_what_fails_it(autopilot, name, value):
     assert {name for name, item in items.items() if item.grade is not Grade.PASS} == {name}
     assert items[name].grade is Grade.FAILURE
     assert items[name].advice
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "FENCE_RADIUS"), ("px4", "GF_MAX_HOR_DIST")])
+def test_a_home_that_moves_with_its_gps_does_not_undo_what_fix_has_set(autopilot, name):
+    """A real PX4's home moved by a metre between two checks, and asked for a metre more of fence."""
+    value = good_values(autopilot)[name]
+    moved = NEEDS._replace(radius=NEEDS.radius + 9.0)
+    (wanted,) = (wanted for wanted in wanted_parameters(autopilot, moved) if name in wanted.names)
+    assert wanted.holds(value)
 
 
 @pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "BATT_FS_LOW_ACT"), ("px4", "COM_LOW_BAT_ACT")])
