@@ -75,9 +75,9 @@ def best_flyable(found: Validation) -> int | None:
     return max(safe, key=lambda number: float(products[number]), default=None)
 
 
-def provenance(found: Validation, number: int) -> str:
-    """A point of a validation, as it flew on bodies, as the JSON of a named point."""
-    front = FlownFront(
+def front_on_bodies(found: Validation) -> FlownFront:
+    """The points of a validation as they flew on bodies."""
+    return FlownFront(
         objectives=PAPER,
         scenario=found.settings.scenario,
         dynamics=DYNAMICS[RIGID_BODY],
@@ -87,7 +87,11 @@ def provenance(found: Validation, number: int) -> str:
         failed=found.failed[RIGID_BODY],
         origin={"search": "on bodies, in three ways, by `make physics`"},
     )
-    return point_json(front, number, rule=RULE)
+
+
+def provenance(found: Validation, number: int) -> str:
+    """A point of a validation as the JSON of a named point."""
+    return point_json(front_on_bodies(found), number, rule=RULE)
 
 
 def _is_safe(figures: NDArray[np.float64], failed: int, scenario: Scenario) -> bool:

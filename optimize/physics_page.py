@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from controllers.flocking import FlockingParams
-from moflock_mj.figure_style import BLUE, GREEN, GREY, ORANGE, PINK
+from moflock_mj.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK
 from moflock_mj.response import PointMassResponse
 from optimize.estimates import hypervolume
 from optimize.figures import new_figure
-from optimize.flyable import NAMED, RULE
+from optimize.flyable import NAMED, RULE, front_on_bodies
 from optimize.front import FlownFront
 from optimize.statistics import half_width
 from optimize.tables import markdown
@@ -28,6 +28,7 @@ PLAIN, SCREENED, REFINED = KINDS = ("plain", "screened", "refined")
 """Searches on bodies: as they are, screened on point masses, and screened from the front found on point masses."""
 
 _POINT_MASS, _TOGETHER = "found on point masses", "found on bodies in all searches"
+_JUDGED = "the promising and safe of all searches on bodies, on other seeds"
 _NAMES = {
     PLAIN: "found on bodies",
     SCREENED: "found on bodies, screened",
@@ -88,6 +89,7 @@ def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None)
     together = together_front(fronts)
     kinds = {_POINT_MASS: (fronts.point_mass,)} | {_NAMES[kind]: some for kind, some in fronts.searched.items()}
     kinds[_TOGETHER] = (together,)
+    kinds[_JUDGED] = (front_on_bodies(judged),)
     rows = [
         (name, str(hypervolumes(some)), *_best(some), str(sum(len(front.remaining) for front in some)))
         for name, some in kinds.items()
@@ -110,8 +112,9 @@ def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None)
                 f"On point masses, where it was found, the first front has the hypervolume {there.hypervolume:.3f} "
                 f"({len(there.seeds)} seeds).",
                 "\n".join(f"- {line}" for line in _differences(fronts)),
-                "Intervals are 95 %, by the jackknife over the seeds (Tukey 1958); they hold for these searches, and "
-                "do not tell how far another search of the same kind would end from them.",
+                f"The last {len(judged.names)} points are those below that were validated. Intervals are 95 %, by the "
+                "jackknife over the seeds (Tukey 1958); they hold for these searches, and do not tell how far another "
+                "search of the same kind would end from them.",
                 f"![The fronts]({_FIGURE})",
                 "## The front on bodies",
                 f"What remains of all points {_TOGETHER}, best F_1 first. Of many that are flown the lucky lead: "
@@ -199,7 +202,7 @@ def _verdicts_table(judged: Validation) -> str:
     return markdown(("point", "F_1", "F_2", "verdict", "what decides"), rows)
 
 
-def fronts_figure(fronts: Fronts) -> Figure:
+def fronts_figure(fronts: Fronts, judged: Validation) -> Figure:
     """The fronts on bodies, and the first one where it was found; bars are 95 % confidence intervals."""
     figure = new_figure(8.4, 6.4)
     axes = figure.add_subplot()
@@ -208,6 +211,7 @@ def fronts_figure(fronts: Fronts) -> Figure:
     _draw(axes, (fronts.point_mass,), ORANGE, "s", "found on point masses, flown on bodies")
     for kind, some in fronts.searched.items():
         _draw(axes, some, *_STYLES[kind], _NAMES[kind])
+    _draw(axes, (front_on_bodies(judged),), BLACK, "*", _JUDGED)
     axes.set(xlabel="F_1", ylabel="F_2")
     seeds = len(fronts.point_mass.seeds)
     axes.set_title(f"Mean of {seeds} fresh seeds, {fronts.point_mass.scenario.duration:g} s")

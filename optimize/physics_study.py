@@ -111,7 +111,7 @@ def make_study(
     with new_file(docs / "physics.md") as place:
         flights = Flights(effort.flights, _screening_flights(runs[SCREENED]), screening.point_mass)
         place.write_text(page(fronts, flights, judged, best), encoding="utf-8")
-    save(lambda: fronts_figure(fronts), docs / "physics" / "fronts.png")
+    save(lambda: fronts_figure(fronts, judged), docs / "physics" / "fronts.png")
     return docs / "physics.md"
 
 
