@@ -211,7 +211,7 @@ def fronts_figure(fronts: Fronts, judged: Validation) -> Figure:
     _draw(axes, (fronts.point_mass,), ORANGE, "s", "found on point masses, flown on bodies")
     for kind, some in fronts.searched.items():
         _draw(axes, some, *_STYLES[kind], _NAMES[kind])
-    _draw(axes, (front_on_bodies(judged),), BLACK, "*", _JUDGED)
+    _draw(axes, (front_on_bodies(judged),), BLACK, "v", _JUDGED)
     axes.set(xlabel="F_1", ylabel="F_2")
     seeds = len(fronts.point_mass.seeds)
     axes.set_title(f"Mean of {seeds} fresh seeds, {fronts.point_mass.scenario.duration:g} s")
