@@ -19,13 +19,13 @@ from tests.moflock_mj.mavlink.ground_station import fleet_of
 from tests.moflock_mj.mavlink.simulated_time import Wires, connections_to, flying
 
 SCENARIO = Scenario(drones=30, arena_side=300.0, duration=60.0, altitude=10.0, t_del=0.2)
-POINT = load_point("knee")
+POINT = load_point("steady")
 
 
 def report_of(seen):
     return Report(
         time=datetime.datetime.now(datetime.UTC), signed_off_by="Ada", version="", commit="", point=POINT._asdict(),
-        point_name="knee", scenario=json.loads(json.dumps(SCENARIO.to_dict())), seeds=(), vehicles=seen.vehicles,
+        point_name="steady", scenario=json.loads(json.dumps(SCENARIO.to_dict())), seeds=(), vehicles=seen.vehicles,
         items=(*seen.items, *seen.batteries(None)), changes=seen.changes,
     )  # fmt: skip
 
