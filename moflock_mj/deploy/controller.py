@@ -132,7 +132,7 @@ class Controller:
     def _follow(self, member: Member, now: float) -> None:
         """See how far a vehicle is, and whether it is still ours."""
         vehicle = member.vehicle
-        if member.stage in IN_THE_AIR and member.stage is not Stage.ARMING and not vehicle.armed:
+        if member.stage in IN_THE_AIR and member.stage is not Stage.ARMING and member.settled(now):
             where = "landed" if vehicle.landed is not False else "disarmed in the air"
             level = "info" if member.stage is Stage.LEFT and vehicle.landed is not False else "error"
             member.stage = Stage.DOWN

@@ -28,6 +28,13 @@ class LatencyFigures(NamedTuple):
     telemetry_p99: float
     telemetry_max: float
 
+    def sentence(self) -> str:
+        """The figures that matter, in words."""
+        return (
+            f"{self.setpoints} setpoints: jitter {self.jitter_p99:.1f} ms, telemetry to setpoint "
+            f"{self.telemetry_p99:.1f} ms (99th percentiles; largest {self.jitter_max:.1f}, {self.telemetry_max:.1f})"
+        )
+
 
 class Latency:
     """Takes the times of setpoints.

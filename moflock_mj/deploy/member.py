@@ -10,6 +10,8 @@ from moflock_mj.mavlink.remote import RemoteVehicle
 
 _ASK_AGAIN = 0.3
 """s, after which an order that has not shown in HEARTBEAT is given again."""
+_UNDER_WAY = 5.0
+"""s, for which an order may be on its way, or one that was given before it."""
 _COASTING = 3.0
 """s, for which a vehicle that is not heard is taken to fly on: ArduCopter's GUID_TIMEOUT."""
 
@@ -60,7 +62,7 @@ class Member:
         self._origin = origin
         self._allowed: set[int] = {*self.style.taking_off, vehicle.mode}
         self._confirmed = True
-        self._again = 0.0
+        self._told = self._again = 0.0
 
     @property
     def system(self) -> int:
@@ -86,6 +88,10 @@ class Member:
     def streams(self) -> bool:
         """Whether it still flies by setpoints, at its height."""
         return self.streaming_since > 0 and not self._confirmed and self.vehicle.mode == self.style.modes[Task.OBEY]
+
+    def settled(self, now: float) -> bool:
+        """Whether it stays as it is: disarmed, and no order is on its way that could yet arm it."""
+        return not self.vehicle.armed and (self._confirmed or now - self._told > _UNDER_WAY)
 
     def look(self) -> None:
         """Take over where it is."""
@@ -114,7 +120,7 @@ class Member:
         # Orders that are still under way may yet show, and so may the end of a take-off, after which PX4 holds.
         pending = set() if self._confirmed and self.task is not None else self._allowed
         self._allowed = {self.vehicle.mode, wanted} | pending
-        self.task, self._confirmed, self._again = task, False, now
+        self.task, self._confirmed, self._told, self._again = task, False, now, now
 
     def update(self, now: float) -> bool:
         """Give orders that are due; returns False if it is in a mode that nobody here has asked for."""

@@ -115,11 +115,7 @@ def _print_deployment(console: Console, deployed: Deployed) -> None:
     if plan.scenario.drones > 1 and figures.flocked:
         console.print(f"smallest distance {figures.separation_min:.1f} m; farthest outside {figures.outside_max:.1f} m")
     if figures.latency:
-        told = figures.latency
-        console.print(
-            f"{told.setpoints} setpoints: jitter {told.jitter_p99:.1f} ms, telemetry to setpoint "
-            f"{told.telemetry_p99:.1f} ms (99th percentiles; largest {told.jitter_max:.1f}, {told.telemetry_max:.1f})"
-        )
+        console.print(figures.latency.sentence())
     counts = deployed.counts
     dropped = counts["malformed"] + counts["unsigned"] + counts["foreign"]
     console.print(f"{counts['received']} packets received, {counts['lost']} lost, {dropped} dropped")

@@ -22,6 +22,8 @@ ASK_AGAIN = 1.0
 """s, after which an order that has not shown in HEARTBEAT is given again."""
 STREAM_FIRST = 1.0
 """s of setpoints that PX4 wants to have seen before OFFBOARD."""
+_OFF_THE_GROUND = 30.0
+"""s, for leaving the ground: rotors spool up for some seconds, on the vehicle's clock, which a busy simulator slows."""
 _POLL = 0.05
 _VELOCITY_ONLY = 0xDC7
 """Type mask of SET_POSITION_TARGET_LOCAL_NED: everything but the velocity is ignored."""
@@ -115,9 +117,9 @@ async def set_mode(vehicle: RemoteVehicle, mode: int, *, timeout: float = 5.0) -
     Raises:
         OrderError: it does not, in time.
     """
-    if not await _until(vehicle, mode_order(vehicle, mode), lambda: vehicle.mode == mode, timeout):
+    if (said := await _until(vehicle, mode_order(vehicle, mode), lambda: vehicle.mode == mode, timeout)) is not None:
         wanted = mode_name(vehicle.autopilot, mode)
-        raise OrderError(f"{vehicle}: stays in {vehicle.mode_name}, asked for {wanted}{_said(vehicle)}")
+        raise OrderError(f"{vehicle}: stays in {vehicle.mode_name}, asked for {wanted}{said}")
 
 
 async def arm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
@@ -127,8 +129,8 @@ async def arm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
         OrderError: it does not arm; with what it says.
     """
     order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    if not await _until(vehicle, order, lambda: vehicle.armed, timeout):
-        raise OrderError(f"{vehicle}: does not arm{_said(vehicle)}")
+    if (said := await _until(vehicle, order, lambda: vehicle.armed, timeout)) is not None:
+        raise OrderError(f"{vehicle}: does not arm{said}")
 
 
 async def disarm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
@@ -138,8 +140,8 @@ async def disarm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
         OrderError: it does not disarm.
     """
     order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
-    if not await _until(vehicle, order, lambda: not vehicle.armed, timeout):
-        raise OrderError(f"{vehicle}: does not disarm{_said(vehicle)}")
+    if (said := await _until(vehicle, order, lambda: not vehicle.armed, timeout)) is not None:
+        raise OrderError(f"{vehicle}: does not disarm{said}")
 
 
 async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10.0) -> None:
@@ -150,7 +152,7 @@ async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10
     Args:
         vehicle: stands on the ground.
         height: m, above its home.
-        timeout: s, for each part of it.
+        timeout: s, for the mode and for arming.
 
     Raises:
         OrderError: it does not.
@@ -173,8 +175,8 @@ async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10
     def climbs() -> bool:
         return vehicle.landed is False or (vehicle.fix is not None and vehicle.fix.height > 0.5)
 
-    if not await _until(vehicle, order, climbs, timeout):
-        raise OrderError(f"{vehicle}: does not take off{_said(vehicle)}")
+    if (said := await _until(vehicle, order, climbs, _OFF_THE_GROUND)) is not None:
+        raise OrderError(f"{vehicle}: does not take off{said}")
 
 
 async def begin(vehicle: RemoteVehicle, task: Task, *, timeout: float = 5.0) -> None:
@@ -193,22 +195,23 @@ async def run_prearm_checks(vehicle: RemoteVehicle) -> int | None:
     return await command(vehicle, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
 
-async def _until(vehicle: RemoteVehicle, order: Message, done: Callable[[], bool], timeout: float) -> bool:
-    """Give an order, and give it again, until it shows; returns whether it does."""
+async def _until(vehicle: RemoteVehicle, order: Message, done: Callable[[], bool], timeout: float) -> str | None:
+    """Give an order, and give it again, until it shows; None if it does, else what the vehicle said of it, in words."""
     loop = asyncio.get_running_loop()
-    deadline, again = loop.time() + timeout, loop.time()
+    began = again = loop.time()
     while not done():
         now = loop.time()
-        if now >= deadline:
-            return False
+        if now >= began + timeout:
+            return _said_since(vehicle, began)
         if now >= again:
             vehicle.send(order)
             again = now + ASK_AGAIN
         await asyncio.sleep(_POLL)
-    return True
+    return None
 
 
-def _said(vehicle: RemoteVehicle) -> str:
-    """The last words of a vehicle, as they may tell why."""
-    words = dict.fromkeys(told.text for told in vehicle.texts if told.severity <= mavlink.MAV_SEVERITY_WARNING)
+def _said_since(vehicle: RemoteVehicle, time: float) -> str:
+    """The last words of a vehicle since a time, as they may tell why; nothing if it has said nothing."""
+    grave = [told for told in vehicle.texts if told.severity <= mavlink.MAV_SEVERITY_WARNING and told.time >= time]
+    words = dict.fromkeys(told.text for told in grave)
     return f": it says {'; '.join(list(words)[-2:])}" if words else ""

@@ -297,7 +297,7 @@ class _Inspector:
     def _layers(self, settings: Sequence[Settings]) -> list[Item]:
         if len(self._vehicles) < 2:
             return []
-        heights = [return_altitude(style, found) for style, found in zip(self._styles, settings, strict=True)]
+        heights = [return_altitude(found) for found in settings]
         told = sorted(height for height in heights if height is not None)
         gap = min((b - a for a, b in itertools.pairwise(told)), default=math.inf)
         least = 0.9 * layer_height(len(self._vehicles))

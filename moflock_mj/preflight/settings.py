@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import math
 import types
@@ -15,7 +16,7 @@ from moflock_mj.mavlink.parameters import Parameter
 from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.preflight.grades import Grade, Item, judged
 from moflock_mj.preflight.vehicle_items import about
-from moflock_mj.preflight.wanted import RETURN_ALTITUDE, Needs, Wanted, wanted_parameters
+from moflock_mj.preflight.wanted import RETURN_ALTITUDE, Needs, Spellings, Wanted, wanted_parameters
 from moflock_mj.scenario import Scenario
 
 FENCE_MARGIN = 20.0
@@ -75,12 +76,11 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
         OrderError: it does not answer.
     """
     values: dict[str, float] = {}
-    for wanted in wanted_parameters(autopilot, needs):
-        for name in wanted.names:
-            found = await read_parameter(vehicle, name, tries=_TRIES)
-            if found is not None:
-                values[name] = found.value
-                break
+    for spellings in wanted_parameters(autopilot, needs):
+        # Side by side: who does not know a name does not answer.
+        names = [want.name for want in spellings]
+        found = await asyncio.gather(*(read_parameter(vehicle, name, tries=_TRIES) for name in names))
+        values |= {name: parameter.value for name, parameter in zip(names, found, strict=True) if parameter is not None}
     capacity = await read_parameter(vehicle, _CAPACITY[autopilot], tries=_TRIES)
     low = await read_parameter(vehicle, _LOW[autopilot], tries=_TRIES)
     shapes = await _read_shapes(vehicle, origin)
@@ -135,38 +135,38 @@ async def put_right(
         if kept_shapes is None or not _fits(kept_shapes, scenario):
             raise OrderError(f"{vehicle}: fence: what was uploaded does not come back")
         changes.append(f"{about(vehicle)}: fence: a square {scenario.arena_side + 2 * FENCE_MARGIN:g} m wide")
-    return_name, _ = RETURN_ALTITUDE[autopilot]
-    for want in wanted_parameters(autopilot, needs):
-        name = _known(want, found.values)
-        if name is None:
+    for spellings in wanted_parameters(autopilot, needs):
+        want = _known(spellings, found.values)
+        if want is None:
             continue
-        before = found.values[name]
-        if want.holds(before) and (name != return_name or math.isclose(before, want.value, abs_tol=1e-3)):
+        before = found.values[want.name]
+        if want.holds(before) and (want.name not in RETURN_ALTITUDE or math.isclose(before, want.value, abs_tol=1e-3)):
             continue
-        kept = await set_parameter(vehicle, name, want.value)
-        changes.append(f"{about(vehicle)}: {name}: {before:g} -> {kept.value:g}")
+        kept = await set_parameter(vehicle, want.name, want.value)
+        changes.append(f"{about(vehicle)}: {want.name}: {before:g} -> {kept.value:g}")
     return changes
 
 
-def return_altitude(autopilot: str, found: Settings) -> float | None:
+def return_altitude(found: Settings) -> float | None:
     """m, above home, at which a vehicle returns; None: it does not tell."""
-    name, unit = RETURN_ALTITUDE[autopilot]
-    return found.values[name] * unit if name in found.values else None
+    told = (found.values[name] * unit for name, unit in RETURN_ALTITUDE.items() if name in found.values)
+    return next(told, None)
 
 
-def _known(want: Wanted, values: dict[str, float]) -> str | None:
-    return next((name for name in want.names if name in values), None)
+def _known(spellings: Spellings, values: dict[str, float]) -> Wanted | None:
+    return next((want for want in spellings if want.name in values), None)
 
 
-def _parameter_item(vehicle: RemoteVehicle, want: Wanted, values: dict[str, float]) -> Item | None:
-    if not want.why:
+def _parameter_item(vehicle: RemoteVehicle, spellings: Spellings, values: dict[str, float]) -> Item | None:
+    want = _known(spellings, values)
+    if not spellings[0].why:
         return None  # judged over the flock
-    name = _known(want, values)
-    if name is None:
-        advice = f"it does not know {' or '.join(want.names)}: is it the firmware that this is for?"
-        return Item(name=want.names[0], about=about(vehicle), grade=want.missing, limit=want.limit, advice=advice)
+    if want is None:
+        names, first = " or ".join(want.name for want in spellings), spellings[0]
+        advice = f"it does not know {names}: is it the firmware that this is for?"
+        return Item(name=first.name, about=about(vehicle), grade=first.missing, limit=first.limit, advice=advice)
     return judged(
-        name, about(vehicle), good=want.holds(values[name]), value=values[name], limit=want.limit,
+        want.name, about(vehicle), good=want.holds(values[want.name]), value=values[want.name], limit=want.limit,
         advice=f"{want.why}: {_FIX}", otherwise=want.otherwise,
     )  # fmt: skip
 

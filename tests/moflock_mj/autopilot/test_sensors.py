@@ -74,8 +74,26 @@ def test_a_push_along_the_nose_and_a_turn_to_the_right():
     bodies.qvel[:, :3] = (0.01, 0, 0)  # in one step, before the first reading
     bodies.qvel[:, 3:] = (0.1, 0.2, 0.3)
     motion = sensors.motion()
-    np.testing.assert_allclose(motion.specific_force, [[0.01 / STEP, 0, -9.81]] * 2)
+    # The mean of six readings, of which five were at rest.
+    np.testing.assert_allclose(motion.specific_force, [[0.01 / STEP / 6, 0, -9.81]] * 2)
     np.testing.assert_allclose(motion.gyro, [[0.1, -0.2, -0.3]] * 2)
+
+
+def test_who_reads_at_another_rate_still_gets_the_velocity_that_was_gained():
+    """ArduPilot's simulated IMUs: the specific force, held until the next reading, is summed up at their own rates."""
+    bodies, sensors = sensors_of()
+    bodies.qpos[:, 2] = 50.0
+    rates, rng = np.array([1000, 800, 760]), np.random.default_rng(1)
+    gained, sampled, errors = np.zeros((3, 2)), np.zeros(3), []
+    for step in range(20 * 1200):
+        bodies.qvel[:, 0] += math.sqrt(2 * 0.2 * STEP) * rng.standard_normal(2)  # the paper's outer noise
+        due = sampled / rates <= step * STEP
+        gained[due] += sensors.motion().specific_force[:, 0] / rates[due, None]
+        sampled += due
+        if step % 1200 == 0:
+            errors.append(gained - bodies.qvel[:, 0])
+    gone_astray = np.sqrt(np.mean(np.diff(errors, axis=0) ** 2, axis=(0, 2)))
+    assert gone_astray.max() < 0.1, f"{gone_astray} m/s in a second"
 
 
 def test_frames_beside_rotation_matrices():

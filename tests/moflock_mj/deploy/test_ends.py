@@ -12,6 +12,7 @@ from moflock_mj.deploy.health import Health
 from moflock_mj.deploy.homing import distance, is_clear
 from moflock_mj.deploy.member import Stage
 from moflock_mj.mavlink import ardupilot, px4
+from moflock_mj.mavlink.fleet_faults import Fault, Schedule
 from tests.moflock_mj.deploy.rehearsal import rehearse
 from tests.moflock_mj.deploy.test_faults import FAILSAFES, SMALL
 
@@ -101,6 +102,32 @@ def test_who_does_not_arm_ends_it_and_all_come_down():
     assert deployed.figures.flocked == 0
     assert truth.flying.any()
     assert not truth.armed[-1].any()
+
+
+def test_nobody_is_left_alone_while_an_order_to_arm_is_on_its_way():
+    """Links of 2 s each way: Ctrl-C comes when all have been told to arm, and none has yet."""
+
+    async def press(wishes, fleet):
+        while not wishes.in_flight:
+            await asyncio.sleep(0.05)
+        for station in fleet.stations:
+            slow = Fault.from_text("drone=0,kind=delay,value=2")
+            station.faults = Schedule([slow], lambda _: None, lambda _: None)
+        while not any(station.vehicle.mode == ardupilot.GUIDED for station in fleet.stations):
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(1.5)
+        assert not any(station.vehicle.armed for station in fleet.stations)
+        wishes.press()
+        await asyncio.sleep(0.1)
+        wishes.press()
+        await asyncio.sleep(100.0)
+
+    deployed, truth, fleet = ended(story=press, interval=0.0)
+    assert set(deployed.stages) == {Stage.DOWN}
+    assert modes(fleet) == {ardupilot.LAND}
+    assert truth.armed.any()
+    assert not truth.armed[-1].any()
+    assert not truth.flying.any()
 
 
 def test_a_controller_that_is_late_sends_no_heartbeats():

@@ -19,6 +19,7 @@ from moflock_mj.log_schemas import Packet
 from moflock_mj.mavlink import ardupilot, px4
 from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.recover import recover
+from moflock_mj.replay_text import print_logged_flight, print_recovery
 from moflock_mj.scenario import Scenario
 from moflock_mj.verify import resume, verify
 from tests.moflock_mj.deploy.rehearsal import rehearse
@@ -157,7 +158,7 @@ def test_nobody_hears_anybody_any_more(tmp_path):
     assert read_log(recovery.log).scenario == logged.scenario
 
 
-def test_the_log_is_read_like_that_of_a_simulated_flight(tmp_path):
+def test_the_log_is_read_like_that_of_a_simulated_flight(tmp_path, capsys):
     path = tmp_path / "deployed.mcap"
     deployed, _, _ = broken("", log=path)
     logged = read_log(path)
@@ -170,6 +171,11 @@ def test_the_log_is_read_like_that_of_a_simulated_flight(tmp_path):
     assert flown[:, 2] == pytest.approx(SMALL.altitude, abs=1.0)
     assert abs(logged.samples.desired_velocity).max() > 1.0
     assert json.loads(logged.result["latency"])["setpoints"] == deployed.figures.latency.setpoints
+    print_logged_flight(logged, as_json=False)
+    print_recovery(recover(path, tmp_path / "again.mcap"), as_json=False)
+    shown = capsys.readouterr().out
+    assert deployed.figures.latency.sentence() in shown
+    assert f"kept: {logged.samples.t[-1]:g} s, " in shown
     packets = packets_of(path)
     assert {name for name, sent in packets if sent} >= {"HEARTBEAT", "SET_POSITION_TARGET_LOCAL_NED", "COMMAND_LONG"}
     assert {name for name, sent in packets if not sent} >= {"HEARTBEAT", "GLOBAL_POSITION_INT", "ATTITUDE"}

@@ -250,6 +250,20 @@ def test_what_a_vehicle_says_when_it_does_not_arm():
     rehearse(fleet, story)
 
 
+def test_what_a_vehicle_has_said_before_is_no_reason():
+    fleet = fleet_of("px4", ready=False, boot=100.0)
+
+    async def story(_, vehicles):
+        fleet.stations[0].vehicle.say("Failsafe cleared", mavlink.MAV_SEVERITY_WARNING)
+        await asyncio.sleep(1.0)
+        with pytest.raises(OrderError) as raised:
+            await piloting.set_mode(vehicles[0], 99, timeout=2.0)
+        assert "asked for 99" in str(raised.value)
+        assert "cleared" not in str(raised.value)
+
+    rehearse(fleet, story)
+
+
 def test_heartbeats_stop_when_the_controller_says_so():
     fleet = fleet_of("px4")
 

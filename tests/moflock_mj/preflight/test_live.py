@@ -10,6 +10,7 @@ import pytest
 from moflock_mj import Scenario
 from moflock_mj.errors import LinkError, OrderError
 from moflock_mj.mavlink.fleet_faults import Fault
+from moflock_mj.mavlink.parameters import REAL32, Parameter, ParameterTable
 from moflock_mj.mavlink.px4 import HOLD, OFFBOARD
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight.grades import Grade
@@ -75,6 +76,34 @@ def test_nothing_changes_until_it_is_asked_for_and_then_all_is_well(autopilot):
     again = look(fleet, fix=True)
     assert (wrong(again), again.changes) == ({}, ())
     assert not any(station.vehicle.armed for station in fleet.stations)
+
+
+RENAMED = {
+    "SYSID_MYGCS": ("MAV_GCS_SYSID", 1.0),
+    "WPNAV_SPEED": ("WP_SPD", 0.01),
+    "WPNAV_ACCEL": ("WP_ACC", 0.01),
+    "ANGLE_MAX": ("ATC_ANGLE_MAX", 0.01),
+    "RTL_ALT": ("RTL_ALT_M", 0.01),
+}
+"""ArduCopter 4.6's names, and what 4.7 makes of them and of their values."""
+
+
+def test_arducopter_4_7_has_other_names_and_units():
+    fleet = fleet_of("ardupilot", vehicles=2)
+    for station in fleet.stations:
+        table = station.vehicle.parameters
+        defaults = {name: Parameter(REAL32, table[name]) for name in map(table.name, range(len(table)))}
+        for old, (name, unit) in RENAMED.items():
+            defaults[name] = Parameter(REAL32, defaults.pop(old).value * unit)
+        station.vehicle.parameters = ParameterTable(defaults, bytewise=False)
+    assert {"WP_ACC", "ATC_ANGLE_MAX"} <= {name for _, name in wrong(look(fleet))}
+    fixed = look(fleet, fix=True)
+    assert wrong(fixed) == {}
+    kept = [{name: table[name] for name, _ in RENAMED.values()} for table in parameters_of(fleet)]
+    assert kept == [
+        {"MAV_GCS_SYSID": 255, "WP_SPD": 10, "WP_ACC": 6, "ATC_ANGLE_MAX": 37, "RTL_ALT_M": height}
+        for height in (kept[0]["RTL_ALT_M"], kept[0]["RTL_ALT_M"] + 3)
+    ]
 
 
 def test_a_px4_that_is_in_offboard_after_a_flight_is_let_hold():

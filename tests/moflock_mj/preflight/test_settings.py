@@ -22,7 +22,7 @@ def square(half, *, allowed=True):
 
 
 def good_values(autopilot):
-    return {wanted.names[0]: wanted.value for wanted in wanted_parameters(autopilot, NEEDS)}
+    return {spellings[0].name: spellings[0].value for spellings in wanted_parameters(autopilot, NEEDS)}
 
 
 ARENA = (square(120.0),)
@@ -42,9 +42,9 @@ def test_what_fix_sets_passes(autopilot):
 @pytest.mark.parametrize(
     ("autopilot", "name", "value"),
     [
-        ("ardupilot", "WPNAV_SPEED", 500.0),
-        ("ardupilot", "WPNAV_ACCEL", 250.0),
-        ("ardupilot", "ANGLE_MAX", 3000.0),
+        ("ardupilot", "WP_SPD", 5.0),
+        ("ardupilot", "WP_ACC", 2.5),
+        ("ardupilot", "ATC_ANGLE_MAX", 30.0),
         ("ardupilot", "MAV_GCS_SYSID", 7.0),
         ("ardupilot", "FS_GCS_ENABLE", 0.0),
         ("ardupilot", "FS_GCS_TIMEOUT", 60.0),
@@ -91,9 +91,21 @@ def test_a_battery_that_only_warns_is_a_warning(autopilot, name):
     assert graded(autopilot, {name: 0.0})[name].grade is Grade.WARNING
 
 
-def test_older_firmware_has_another_name_for_our_id():
-    items = graded("ardupilot", {"MAV_GCS_SYSID": None, "SYSID_MYGCS": 9.0})
-    assert items["SYSID_MYGCS"].grade is Grade.FAILURE
+@pytest.mark.parametrize(
+    ("name", "older", "bad", "good"),
+    [
+        ("MAV_GCS_SYSID", "SYSID_MYGCS", 9.0, 255.0),
+        ("WP_SPD", "WPNAV_SPEED", 599.0, 600.0),
+        ("WP_ACC", "WPNAV_ACCEL", 599.0, 600.0),
+        ("ATC_ANGLE_MAX", "ANGLE_MAX", 3699.0, 3700.0),
+    ],
+)
+def test_older_firmware_has_other_names_and_units(name, older, bad, good):
+    assert graded("ardupilot", {name: None, older: bad})[older].grade is Grade.FAILURE
+    assert graded("ardupilot", {name: None, older: good})[older].grade is Grade.PASS
+    missing = graded("ardupilot", {name: None})[name]
+    assert missing.grade is Grade.WARNING
+    assert f"{name} or {older}" in missing.advice
 
 
 @pytest.mark.parametrize(
