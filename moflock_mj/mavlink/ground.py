@@ -149,7 +149,7 @@ class Ground:
             The vehicles, by system id.
 
         Raises:
-            LinkError: some are missing, there are more than `count`, or two go by one system id.
+            LinkError: some are missing, there are more than were expected, or two go by one system id.
         """
         loop = asyncio.get_running_loop()
         wanted = len(self.links) if count is None else count
@@ -167,9 +167,11 @@ class Ground:
                 f"within {timeout:g} s: {names}{self._hint()}"
             )
         found = len(self.vehicles)
-        if count is not None and found != count:
+        if found != wanted:
             ids = ", ".join(map(str, sorted(self.vehicles)))
-            raise LinkError(f"vehicles: {found} heard (system ids {ids}); it must be {count}")
+            # Who came a moment later would fly unseen among the others.
+            share = ", one on each link: several on one need --count" if count is None else ""
+            raise LinkError(f"vehicles: {found} heard (system ids {ids}); it must be {wanted}{share}")
         return [self.vehicles[system] for system in sorted(self.vehicles)]
 
     @contextlib.contextmanager

@@ -131,6 +131,19 @@ def test_a_duplicated_system_id():
         rehearse(fleet, story)
 
 
+def test_several_on_a_link_must_have_been_counted():
+    """Else one that is heard a moment later would fly unseen among the others."""
+    fleet = fleet_of("ardupilot", vehicles=3, to=("127.0.0.1", 14550))
+
+    async def play():
+        async with flying(fleet), vehicles_at([Connection("udpin", "127.0.0.1", 14550)]):
+            raise AssertionError
+
+    words = r"3 heard \(system ids 1, 2, 3\); it must be 1, one on each link: several on one need --count"
+    with Wires().used(), pytest.raises(LinkError, match=words):
+        simulated_time.run(play())
+
+
 def test_vehicles_that_speak_first_share_a_link():
     """As real ones do at udpin:14550, or behind a router: told apart by system id alone."""
     fleet = fleet_of("ardupilot", vehicles=3, to=("127.0.0.1", 14550))
