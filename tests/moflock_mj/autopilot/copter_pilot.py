@@ -43,6 +43,9 @@ class CopterPilot:
         self.decoder.robust_parsing = True
         self._beat = 0.0
 
+    def close(self):
+        self.socket.close()
+
     def send(self, message):
         self.socket.sendall(message.pack(self.packer))
         self.packer.seq = (self.packer.seq + 1) % 256

@@ -11,6 +11,7 @@ import json
 import math
 import os
 import signal
+import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -46,9 +47,11 @@ def test_arducopters_take_off_hold_follow_a_velocity_and_land(vehicles, tmp_path
     )
     wish = ["--physics-for", "ardupilot", "--vehicles", str(vehicles), "--autopilot-command", command, "--json"]
     moflock = subprocess.Popen([MOFLOCK, "fleet", *wish], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    pilots = []
     try:
         assert json.loads(moflock.stdout.readline())["ports"][0] == 9002
-        pilots = [CopterPilot(5760 + 10 * number, number + 1) for number in range(vehicles)]
+        for number in range(vehicles):
+            pilots.append(CopterPilot(5760 + 10 * number, number + 1))
         for pilot in pilots:
             pilot.wait_until_ready()
         for pilot in pilots:
@@ -59,11 +62,14 @@ def test_arducopters_take_off_hold_follow_a_velocity_and_land(vehicles, tmp_path
             held = pilot.pump(5.0)
             assert max(abs(-place.z - 10.0) for place in held) < 1.0
             moved = pilot.fly_velocity(3.0, 0.0, 5.0)
-            assert moved[-1].vx == pytest.approx(3.0, abs=0.5)
+            # The outer noise shakes it by some 0.3 m/s.
+            assert statistics.mean(place.vx for place in moved[len(moved) // 2 :]) == pytest.approx(3.0, abs=0.5)
             pilot.land()
         for pilot in pilots:
             pilot.until(lambda pilot=pilot: not pilot.armed(), 180.0, "landing")
     finally:
+        for pilot in pilots:
+            pilot.close()
         moflock.send_signal(signal.SIGINT)
         out, _ = moflock.communicate(timeout=30)
     end = json.loads(out)
