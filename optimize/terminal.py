@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from optimize.configuration import Configuration
@@ -33,7 +33,8 @@ def search_progress(configuration: Configuration) -> Iterator[Told]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} flights"),
+        MofNCompleteColumn(separator=" of "),
+        TextColumn("flights"),
         TextColumn("{task.fields[figures]}"),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -58,10 +59,12 @@ def flights_progress(what: str) -> Iterator[FlightsTold]:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} flights"),
+        MofNCompleteColumn(separator=" of "),
+        TextColumn("flights"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        # The total is unknown until the first report, which MofNCompleteColumn shows as a question mark.
         task = bar.add_task(what, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
 
