@@ -15,14 +15,19 @@ import numba
 from numba.core import caching
 from numba.extending import overload
 
-_SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in ("controllers", "moflock_mj"))
+SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in ("controllers", "moflock_mj"))
+"""Folders whose files, and those of their sub-packages, may hold kernels: an edit in any of them compiles all anew."""
+
+
+def stamp_of(roots: tuple[Path, ...]) -> tuple[int, int]:
+    """Newest modification time (ns) and total size (bytes) over the Python files below some folders."""
+    stats = [source.stat() for root in roots for source in root.rglob("*.py")]
+    return max(s.st_mtime_ns for s in stats), sum(s.st_size for s in stats)
 
 
 @functools.cache
 def _sources_stamp() -> tuple[int, int]:
-    """Newest modification time (ns) and total size (bytes) over the project's sources."""
-    stats = [source.stat() for root in _SOURCE_ROOTS for source in root.glob("*.py")]
-    return max(s.st_mtime_ns for s in stats), sum(s.st_size for s in stats)
+    return stamp_of(SOURCE_ROOTS)
 
 
 class _ProjectSources:
@@ -33,7 +38,7 @@ class _ProjectSources:
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Any:
-        if Path(py_file).resolve().parent not in _SOURCE_ROOTS:
+        if not any(root in Path(py_file).resolve().parents for root in SOURCE_ROOTS):
             return None
         return super().from_function(py_func, py_file)  # type: ignore[misc]
 
