@@ -45,7 +45,7 @@ def moflock() -> None:
 def fly_command(
     point: Annotated[
         str, typer.Option(help="knee, fast, cohesive, steady, A, B, model_optimum, or a .json file of parameters.")
-    ] = "knee",
+    ] = "steady",
     dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
     scenario: ScenarioFile = None,
     drones: Drones = None,
