@@ -27,13 +27,13 @@ pictures: $(TESTABLE)  ## the README's pictures; needs Chromium
 	$(BIN)/python docs/make_pictures.py
 
 paper: $(INSTALLED)  ## the paper's numbers and figures, ours beside them: docs/reproduction.md
-	$(BIN)/python -m optimize.paper
+	$(BIN)/python -m optimize.studies.paper
 
 validation: $(INSTALLED)  ## named points on rigid bodies, and the airframe's point mass: docs/validation.md
-	$(BIN)/python -m optimize.validation_study
+	$(BIN)/python -m optimize.studies.validation
 
 physics: $(INSTALLED)  ## searches on rigid bodies beside the front of `make paper`: docs/physics.md
-	$(BIN)/python -m optimize.physics_study
+	$(BIN)/python -m optimize.studies.physics
 
 format: $(TESTABLE)  ## format the sources
 	$(BIN)/ruff check --fix .

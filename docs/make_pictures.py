@@ -12,10 +12,10 @@ import av
 from PIL import Image
 
 from moflock_mj import Scenario, fly, paper_point, read_log
-from moflock_mj.page import write_page
-from moflock_mj.picture import draw_picture
-from moflock_mj.verify import resume
-from moflock_mj.video import render_video
+from moflock_mj.analysis.verification import resume
+from moflock_mj.rendering.video import render_video
+from moflock_mj.visualization.flight_figure import draw_picture
+from moflock_mj.visualization.html_page import write_page
 
 PICTURES = Path(__file__).parent / "pictures"
 CHROMIUM_FLAGS = (

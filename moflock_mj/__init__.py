@@ -9,14 +9,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from controllers.flocking import FlockingParams
+    from controllers.policies.vasarhelyi import FlockingParams
     from moflock_mj.errors import MoflockError
-    from moflock_mj.fitness import Fitness
-    from moflock_mj.flight import Flight, fly
-    from moflock_mj.log_reader import LoggedFlight, read_log
-    from moflock_mj.order_parameters import OrderParameters
-    from moflock_mj.points import load_point, paper_point
-    from moflock_mj.scenario import Scenario
+    from moflock_mj.flight import fly
+    from moflock_mj.log.reader import LoggedFlight, read_log
+    from moflock_mj.metrics.fitness import Fitness
+    from moflock_mj.metrics.order_parameters import OrderParameters
+    from moflock_mj.parameters.points import load_point, paper_point
+    from moflock_mj.scenario.scenario import Scenario
+    from moflock_mj.simulation.results import Flight
 
 __all__ = [
     "Fitness",
@@ -33,17 +34,17 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Fitness": "moflock_mj.fitness",
+    "Fitness": "moflock_mj.metrics.fitness",
     "Flight": "moflock_mj.flight",
-    "FlockingParams": "controllers.flocking",
-    "LoggedFlight": "moflock_mj.log_reader",
+    "FlockingParams": "controllers.policies.vasarhelyi",
+    "LoggedFlight": "moflock_mj.log.reader",
     "MoflockError": "moflock_mj.errors",
-    "OrderParameters": "moflock_mj.order_parameters",
-    "Scenario": "moflock_mj.scenario",
+    "OrderParameters": "moflock_mj.metrics.order_parameters",
+    "Scenario": "moflock_mj.scenario.scenario",
     "fly": "moflock_mj.flight",
-    "load_point": "moflock_mj.points",
-    "paper_point": "moflock_mj.points",
-    "read_log": "moflock_mj.log_reader",
+    "load_point": "moflock_mj.parameters.points",
+    "paper_point": "moflock_mj.parameters.points",
+    "read_log": "moflock_mj.log.reader",
 }
 
 

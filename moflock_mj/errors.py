@@ -5,6 +5,10 @@ class MoflockError(Exception):
     """What a user can cause and mend; every other exception is a fault of the program."""
 
 
+class StoppedError(Exception):
+    """The user stopped a command before its end; the message says how to go on."""
+
+
 class AirframeError(MoflockError):
     """An airframe is unknown, or its model file does not describe a multirotor that can be flown."""
 

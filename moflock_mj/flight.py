@@ -3,159 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controllers.flocking import FlockingParams
-from moflock_mj.events import FlightEvent, fault_events, find_events
-from moflock_mj.fitness import Fitness, fitness_of
-from moflock_mj.flock import Flock
-from moflock_mj.loop import Record
-from moflock_mj.motion import MotionFigures, MotionMeter
-from moflock_mj.order_parameters import OrderParameters
-from moflock_mj.points import check_point
-from moflock_mj.scenario import Scenario
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.metrics.events import FlightEvent, fault_events, find_events
+from moflock_mj.metrics.samples import Record, final_fitness, final_order_parameters, join_samples, sample_times
+from moflock_mj.metrics.tracking import MotionMeter
+from moflock_mj.parameters.points import check_point
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulation.results import BodyFigures, Flight, Follower, Progress
+from moflock_mj.simulation.simulation import Flock
 
 _CHUNK = {"point_mass": 10.0, "rigid_body": 5.0}
 """Simulated seconds between two looks at progress and Ctrl-C."""
 
+
 _FOLLOWED_CHUNK = 1.0
 """Simulated seconds that a log or a live view gets at once, which is also what a killed program loses."""
-
-Progress = Callable[[float, Fitness], None]
-"""Told, now and then, the simulated time in s and the running fitness."""
-
-
-class Follower(Protocol):
-    """Something that is told of a flight while it is flown: its log, a live view."""
-
-    @property
-    def needs_states(self) -> bool:
-        """Whether the next samples are to be flown with whole states."""
-        ...
-
-    def store_state(self) -> None:
-        """Keep the whole state, if that is due: before the first samples and after each chunk."""
-        ...
-
-    def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
-        """Take some samples and the events in them."""
-        ...
-
-    def finish(self, record: Record) -> None:
-        """Take note of the flight's end, at the last of these samples."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-
-class Samples(NamedTuple):
-    """The flight as it was sampled, T times; true states.
-
-    Attributes:
-        t: (T,), s.
-        position: (T, N, 3), m, world.
-        velocity: (T, N, 3), m/s, world.
-        desired_velocity: (T, N, 2), m/s, world, the command in force.
-        status: (T, N), flags OUTSIDE, CLOSE and TOUCHED of `order_parameters`.
-        nearest: (T,), m, smallest distance between two drones.
-        order_parameters: arrays over (T,), running.
-    """
-
-    t: NDArray[np.float64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    desired_velocity: NDArray[np.float64]
-    status: NDArray[np.uint8]
-    nearest: NDArray[np.float64]
-    order_parameters: OrderParameters
-
-
-class BodyFigures(NamedTuple):
-    """What only a rigid body has.
-
-    Attributes:
-        touched: drones that touched another one or the ground.
-        lost: drones that have come down: at the end they are below half of the flock's altitude.
-        tilt_max: rad, largest tilt of a body.
-        altitude_error_max: m.
-        saturated_share: share of the drones' time in which a rotor was commanded to its limit.
-        energy: J, that all rotors together took.
-    """
-
-    touched: int
-    lost: int
-    tilt_max: float
-    altitude_error_max: float
-    saturated_share: float
-    energy: float
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class AnyFlight:
-    """What is known of a flight, whether it was flown just now or is read from its log.
-
-    Attributes:
-        params: the policy's parameters.
-        scenario: what was flown.
-        dynamics: "rigid_body" or "point_mass", or "deployed" for vehicles over MAVLink.
-        seed: of all random numbers.
-        flown: s, simulated, or of a deployed flight in the flock; less than the scenario's duration if the flight
-            was stopped.
-        order_parameters: over the flight.
-        fitness: of them.
-        samples: the flight; None if they were not kept.
-        events: touches, near misses, breaches, faults, in order of time.
-        log: where it is logged, or None.
-    """
-
-    params: FlockingParams
-    scenario: Scenario
-    dynamics: str
-    seed: int
-    flown: float
-    order_parameters: OrderParameters
-    fitness: Fitness
-    samples: Samples | None
-    events: tuple[FlightEvent, ...]
-    log: Path | None
-
-    @property
-    def flock_name(self) -> str:
-        """What flew, and how many."""
-        kinds = {"rigid_body": f"{self.scenario.airframe} rigid bodies", "point_mass": "point masses"}
-        return f"{self.scenario.drones} {kinds.get(self.dynamics, 'vehicles over MAVLink')}"
-
-    @property
-    def complete(self) -> bool:
-        """Whether the flight lasted as long as its scenario."""
-        return self.flown >= self.scenario.duration - 1e-9
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Flight(AnyFlight):
-    """A flight that is over.
-
-    Attributes:
-        motion: how well it was flown.
-        body: what only rigid bodies have; None for point masses.
-        wall_seconds: how long it took.
-    """
-
-    motion: MotionFigures
-    body: BodyFigures | None
-    wall_seconds: float
 
 
 def fly(
@@ -219,7 +87,7 @@ def fly_on(
     period, told_ns = flock.stages.clocks.steps_per_beat * flock.step, round(flock.time * 1e9) if first else -1
     with contextlib.ExitStack() as resources:
         if log is not None:
-            from moflock_mj.flight_log import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
+            from moflock_mj.log.flight_logger import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
 
             followers = [lambda flown: FlightLogger(log, flown, origin or {}), *followers]
         told = [resources.enter_context(make(flock)) for make in followers]
@@ -260,39 +128,6 @@ def fly_on(
         body=_body_figures(flock),
         wall_seconds=time.perf_counter() - began,
         log=Path(log) if log is not None else None,
-    )
-
-
-def sample_times(scenario: Scenario, first: int, count: int) -> NDArray[np.int64]:
-    """Simulated times of `count` samples from number `first`, ns."""
-    numbers = np.arange(first, first + count)
-    return (numbers * round(scenario.sample_period * 1e9)).astype(np.int64)
-
-
-def final_order_parameters(record: Record) -> OrderParameters:
-    """The order parameters up to a record's last sample."""
-    return OrderParameters(*record.order_parameters[-1].tolist())
-
-
-def final_fitness(record: Record, scenario: Scenario) -> Fitness:
-    """The fitness up to a record's last sample."""
-    return fitness_of(final_order_parameters(record), scenario)
-
-
-def join_samples(records: list[Record], scenario: Scenario, first: int) -> Samples:
-    """The samples of consecutive records, counted from number `first`."""
-    joined = {
-        name: np.concatenate([getattr(record, name) for record in records])
-        for name in ("position", "velocity", "desired", "status", "nearest", "order_parameters")
-    }
-    return Samples(
-        t=np.asarray(sample_times(scenario, first, len(joined["nearest"])) / 1e9, np.float64),
-        position=joined["position"],
-        velocity=joined["velocity"],
-        desired_velocity=joined["desired"].swapaxes(1, 2),
-        status=joined["status"],
-        nearest=joined["nearest"],
-        order_parameters=OrderParameters(*joined["order_parameters"].T),
     )
 
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from controllers.cascade import OBSERVER_SIZE, rotor_wrench, track_velocity
-from controllers.tuning import design_gains
-from moflock_mj.airframes import airframe_path, flock_model, load_airframe
+from controllers.flight_control.cascade import OBSERVER_SIZE, rotor_wrench, track_velocity
+from controllers.flight_control.gain_design import design_gains
+from moflock_mj.dynamics.airframe_models import airframe_path, flock_model, load_airframe
 
 
 class Track(NamedTuple):

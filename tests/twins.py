@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.flocking import FlockingParams
-from moflock_mj.randomness import Streams
-from moflock_mj.response import PointMassResponse
-from moflock_mj.scenario import Scenario
-from moflock_mj.start import start_world
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.scenario.effect_configs import PointMassResponse
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulation.initial_state import start_world
+from moflock_mj.simulation.random_numbers import Streams
 
 
 def braking_curve(x, a, p):

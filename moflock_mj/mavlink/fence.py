@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from moflock_mj.mavlink.dialect import Message, mavlink
-from moflock_mj.mavlink.geodesy import Origin
+from moflock_mj.mavlink.frames import Origin
 
 Place = tuple[float, float]
 

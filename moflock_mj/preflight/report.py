@@ -20,13 +20,13 @@ from typing import Annotated
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from controllers.flocking import FlockingParams
+from controllers.policies.vasarhelyi import FlockingParams
 from moflock_mj.errors import CheckFailedError, MoflockError, PointError, ReportError
+from moflock_mj.files import new_file
 from moflock_mj.mavlink.signing import SigningKey
-from moflock_mj.new_file import new_file
-from moflock_mj.points import check_point
-from moflock_mj.preflight.grades import Grade, Item
-from moflock_mj.scenario import Scenario
+from moflock_mj.parameters.points import check_point
+from moflock_mj.preflight.results import Grade, Item
+from moflock_mj.scenario.scenario import Scenario
 
 AGE_MAX = 3600.0
 """s, after which a report is too old for a deployment: batteries, wind and satellites are not what they were."""

@@ -14,8 +14,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from moflock_mj import Scenario, air, fly, paper_point
-from moflock_mj.flock import Flock
+from moflock_mj import Scenario, fly, paper_point
+from moflock_mj.scenario import effect_configs
+from moflock_mj.simulation.simulation import Flock
 
 POINT = paper_point("model_optimum")
 MOFLOCK = Path(sys.executable).parent / "moflock"
@@ -110,7 +111,7 @@ def air_share() -> None:
     """Everything that air and wear do, against none of it: CPU time, flown in turns."""
     scenario = Scenario(duration=200.0)
     sections = {name: kind() for name, kind in Scenario.sections().items()}
-    sections["wind"] = air.Wind(speed=8.0, turbulence="light")
+    sections["wind"] = effect_configs.Wind(speed=8.0, turbulence="light")
     flights = {"none": scenario, "all": scenario.replace(**sections)}
     flights |= {name: scenario.replace(**{name: section}) for name, section in sections.items()}
     seconds = dict.fromkeys(flights, float("inf"))

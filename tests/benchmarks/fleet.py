@@ -9,9 +9,9 @@ import sys
 import time
 
 from moflock_mj.mavlink.dialect import GROUND_COMPONENT, GROUND_SYSTEM, mavlink
-from moflock_mj.mavlink.fleet import Fleet, FleetPlan
-from moflock_mj.mavlink.link import Endpoint
+from moflock_mj.mavlink.endpoint import Endpoint
 from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
 
 VEHICLES = 30
 BASE_PORT = 15600

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.attitude import body_axes, heading_rate, rate_torque, tilt_rates
+from controllers.flight_control.attitude import heading_rate, rate_torque, tilt_rates
+from controllers.geometry import body_axes
 
 
 def test_body_axes_are_mujocos_rotation_matrix():

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.cascade import rotor_wrench, track_velocity
-from controllers.tuning import design_gains
-from moflock_mj.airframes import airframe_names, load_airframe
+from controllers.flight_control.cascade import rotor_wrench, track_velocity
+from controllers.flight_control.gain_design import design_gains
+from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
 from tests.single_drone import SingleDrone
 
 AIRFRAMES = airframe_names()

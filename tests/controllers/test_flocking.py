@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers.flocking import FlockingParams, braking_curve, braking_distance, decide
-from controllers.policy import Sensed, SpeedLimits
+from controllers.policies.braking import braking_curve, braking_distance
+from controllers.policies.interface import Sensed, SpeedLimits
+from controllers.policies.vasarhelyi import FlockingParams, decide
 from moflock_mj import Scenario, paper_point
-from moflock_mj.arena import SquareArena, locate_square_walls
+from moflock_mj.world.square import SquareArena, locate_square_walls
 from tests import twins
 
 SCENARIO = Scenario()

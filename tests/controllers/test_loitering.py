@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers import flocking
-from controllers.flocking import FlockingParams
-from controllers.loitering import LoiteringParams, decide
-from controllers.policy import Sensed, SpeedLimits
+from controllers.policies import vasarhelyi
+from controllers.policies.interface import Sensed, SpeedLimits
+from controllers.policies.target_tracking import LoiteringParams, decide
+from controllers.policies.vasarhelyi import FlockingParams
 from moflock_mj import Scenario, paper_point
-from moflock_mj.arena import SquareArena, locate_square_walls
+from moflock_mj.world.square import SquareArena, locate_square_walls
 from tests import twins
 
 SCENARIO = Scenario(v_max=100.0)
@@ -89,7 +89,7 @@ def test_without_a_pull_it_is_the_flocking_policy():
     rng = np.random.default_rng(0)
     known = sensed([[0, 0], [10, 5]], rng.normal(0, 3, (2, 2)), [[1], [0]])
     expected = np.zeros((2, 2))
-    flocking.decide(paper_point("B"), LIMITS._replace(v_max=6.0), known, expected)
+    vasarhelyi.decide(paper_point("B"), LIMITS._replace(v_max=6.0), known, expected)
     ours = decided(paper_point("B"), (0.0, 1.0), known, LIMITS._replace(v_max=6.0))
     np.testing.assert_array_equal(ours[0], expected.T[0])
 

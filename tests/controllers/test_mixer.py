@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.mixer import mix, wrench, wrench_matrix
-from moflock_mj.airframes import airframe_names, load_airframe
+from controllers.flight_control.mixer import mix, wrench, wrench_matrix
+from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
 
 AIRFRAMES = {name: load_airframe(name) for name in airframe_names()}
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers.compiling import kernel
-from controllers.navigation import FixGains, Navigation, correct, design_fixes, integrate
+from controllers.state_estimation import FixGains, Navigation, correct, design_fixes, integrate
 from tests.twins import Navigator, quaternion_matrix
 
 NOISES = {

@@ -9,8 +9,8 @@ import control
 import numpy as np
 import pytest
 
-from controllers.tuning import Bandwidths, TuningError, design_gains
-from moflock_mj.airframes import airframe_names, load_airframe
+from controllers.flight_control.gain_design import Bandwidths, TuningError, design_gains
+from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
 
 STEP = 0.005
 

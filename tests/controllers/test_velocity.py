@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers.altitude import altitude_acceleration, collective_thrust
-from controllers.velocity import clip_length, observe_axis, velocity_acceleration
+from controllers.flight_control.altitude import altitude_acceleration, collective_thrust
+from controllers.flight_control.velocity import observe_axis, velocity_acceleration
+from controllers.geometry import clip_length
 
 
 def test_velocity_acceleration_is_the_point_masss():

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moflock_mj import Fitness, FlockingParams, OrderParameters, Scenario, fly
-from moflock_mj.fitness import fitness_of
+from moflock_mj.metrics.fitness import fitness_of
 
 REFERENCE = Path(__file__).parent.parent / "reference"
 JUDGED = ("wall", "vel", "corr", "disc", "cluster")

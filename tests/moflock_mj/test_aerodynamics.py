@@ -7,19 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, air
-from moflock_mj.aerodynamics import (
-    AIR_DENSITY,
-    add_drag,
-    ground_lift,
-    jet_speed,
-    make_drag,
-    make_ground,
-    make_jets,
-    wash,
-)
-from moflock_mj.airframes import airframe_names, load_airframe
-from moflock_mj.wind import make_wind
+from moflock_mj import Scenario
+from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
+from moflock_mj.effects.downwash import jet_speed, make_jets, wash
+from moflock_mj.effects.drag import add_drag, make_drag
+from moflock_mj.effects.ground_effect import ground_lift, make_ground
+from moflock_mj.effects.wind import make_wind
+from moflock_mj.scenario import effect_configs
+from moflock_mj.world.constants import AIR_DENSITY
 from tests.compiled import compiled
 from tests.twins import drag_force, quaternion_matrix, wash_forces
 from tests.twins import jet_speed as slow_jet_speed
@@ -37,7 +32,7 @@ def states(drones, seed=1):
 
 @pytest.mark.parametrize("name", airframe_names())
 def test_drag_agrees_with_its_slow_twin(name):
-    scenario = Scenario(drones=20, wind=air.Wind(speed=9.0, direction=2.0, turbulence="severe"))
+    scenario = Scenario(drones=20, wind=effect_configs.Wind(speed=9.0, direction=2.0, turbulence="severe"))
     wind = make_wind(scenario, 0.1, np.random.default_rng(2))
     drag = make_drag(scenario, load_airframe(name))
     qpos, qvel, thrust = states(20)
@@ -52,8 +47,8 @@ def test_drag_agrees_with_its_slow_twin(name):
 
 def test_level_hover_in_wind_is_pushed_by_the_published_coefficients():
     """PX4's model of the same vehicle: v^2 rho / (2 * 100 kg/m^2) + 0.15 1/s v."""
-    wind = make_wind(Scenario(drones=1, wind=air.Wind(speed=8.0)), 0.1, np.random.default_rng(2))
-    drag = make_drag(Scenario(wind=air.Wind()), X500)
+    wind = make_wind(Scenario(drones=1, wind=effect_configs.Wind(speed=8.0)), 0.1, np.random.default_rng(2))
+    drag = make_drag(Scenario(wind=effect_configs.Wind()), X500)
     force = np.zeros((1, 6))
     qpos, hover = np.array([[0, 0, 20.0, 1, 0, 0, 0]]), np.full((1, 4), X500.hover_thrust())
     ADD_DRAG(drag, wind, qpos, np.zeros((1, 6)), hover, force)
@@ -62,18 +57,23 @@ def test_level_hover_in_wind_is_pushed_by_the_published_coefficients():
     # Along the rotors' axis only the body drags.
     fall = np.array([[0, 0, -8.0, 0, 0, 0]])
     ADD_DRAG(
-        drag, make_wind(Scenario(drones=1, wind=air.Wind()), 0.1, np.random.default_rng(2)), qpos, fall, hover, force
+        drag,
+        make_wind(Scenario(drones=1, wind=effect_configs.Wind()), 0.1, np.random.default_rng(2)),
+        qpos,
+        fall,
+        hover,
+        force,
     )
     assert force[0, 2] / X500.mass == pytest.approx(64 * AIR_DENSITY / 200)
 
 
 def test_a_section_overrides_the_airframes_figures():
-    drag = make_drag(Scenario(drag=air.Drag(area=0.1, rotor=0.0)), X500)
+    drag = make_drag(Scenario(drag=effect_configs.Drag(area=0.1, rotor=0.0)), X500)
     assert (drag.body, drag.rotors) == pytest.approx((AIR_DENSITY * 0.05, 0))
 
 
 def test_jets_agree_with_their_slow_twin():
-    jets = make_jets(Scenario(drones=12, downwash=air.Downwash()), X500)
+    jets = make_jets(Scenario(drones=12, downwash=effect_configs.Downwash()), X500)
     qpos = np.random.default_rng(3).uniform(-4, 4, (12, 7))
     WASH(jets, qpos)
     np.testing.assert_allclose(jets.force, wash_forces(jets, qpos[:, :3]), rtol=1e-12)
@@ -83,7 +83,7 @@ def test_jets_agree_with_their_slow_twin():
 
 def test_a_jet_carries_the_thrust_at_every_distance():
     """Its momentum flux is the thrust: exactly 4 B^2 S^2 / 3 / (sqrt(2) - 1), 0.957, by the measured B and S."""
-    jets = make_jets(Scenario(downwash=air.Downwash()), X500)
+    jets = make_jets(Scenario(downwash=effect_configs.Downwash()), X500)
     assert jets.fastest == pytest.approx(12.57, abs=0.01)
     for below in (3.0, 10.0, 30.0):
         r = np.linspace(0, 5 * below, 4001)
@@ -95,13 +95,13 @@ def test_a_jet_carries_the_thrust_at_every_distance():
 
 
 def test_two_drones_side_by_side_do_not_wash_each_other():
-    jets = make_jets(Scenario(drones=2, downwash=air.Downwash()), X500)
+    jets = make_jets(Scenario(drones=2, downwash=effect_configs.Downwash()), X500)
     WASH(jets, np.array([[0, 0, 20.0, 1, 0, 0, 0], [1.0, 0, 20.0, 1, 0, 0, 0]]))
     assert (jets.force == 0).all()
 
 
 def test_the_ground_lifts_as_cheeseman_and_bennett_say():
-    ground = make_ground(Scenario(ground_effect=air.GroundEffect(height=2.0)), X500)
+    ground = make_ground(Scenario(ground_effect=effect_configs.GroundEffect(height=2.0)), X500)
     radius = X500.rotor_radius
     # At one rotor radius 1 / (1 - 1/16): the 6.7 % of their report; far up nothing; held below half a radius.
     assert LIFT(ground, 2 + radius) == pytest.approx(16 / 15)
@@ -113,6 +113,6 @@ def test_the_ground_lifts_as_cheeseman_and_bennett_say():
 @pytest.mark.parametrize("below", [0.5, 1.0, 2.0])
 def test_the_jet_of_a_crazyflie_pushes_within_a_factor_of_two_of_the_force_fitted_to_flights(below):
     """gym-pybullet-drones (Panerati et al. 2021): 2267.18 (R / 4z)^2 N on the axis, R = 23.1348 mm; ours has 0.56."""
-    jets = make_jets(Scenario(downwash=air.Downwash()), load_airframe("crazyflie"))
+    jets = make_jets(Scenario(downwash=effect_configs.Downwash()), load_airframe("crazyflie"))
     ours = jets.drag * jet_speed(jets, below, 0.0) ** 2
     assert 0.5 < ours / (2267.18 * (0.0231348 / (4 * below)) ** 2) < 1.0

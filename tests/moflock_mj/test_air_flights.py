@@ -9,20 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, air, fly, paper_point, read_log
-from moflock_mj.aerodynamics import AIR_DENSITY
-from moflock_mj.airframes import load_airframe
+from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj.analysis.verification import resume, verify
+from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.errors import AirframeError, ScenarioError
-from moflock_mj.flock import Flock
-from moflock_mj.verify import resume, verify
+from moflock_mj.scenario import effect_configs
+from moflock_mj.simulation.simulation import Flock
+from moflock_mj.world.constants import AIR_DENSITY
 from tests.twins import point_mass_in_wind, quaternion_matrix
 
 POINT = paper_point("model_optimum")
 EXAMPLE = Scenario.load(Path(__file__).parents[2] / "docs" / "windy.toml")
 EVERYTHING = EXAMPLE.replace(drones=5, arena_side=80.0, duration=12.0, t_del=0.3)
-PERFECT = air.Imu(**dict.fromkeys((field.name for field in dataclasses.fields(air.Imu)), 0.0))
+PERFECT = effect_configs.Imu(**dict.fromkeys((field.name for field in dataclasses.fields(effect_configs.Imu)), 0.0))
 BREEZE = EXAMPLE.replace(
-    wind=air.Wind(speed=8.0, direction=0.5), battery=air.Battery(capacity=1e7, resistance=0.0), imu=PERFECT
+    wind=effect_configs.Wind(speed=8.0, direction=0.5),
+    battery=effect_configs.Battery(capacity=1e7, resistance=0.0),
+    imu=PERFECT,
 )
 """A steady wind alone, for all that is seen; every section is on, so that one compiled flight serves all tests."""
 
@@ -66,7 +69,9 @@ def test_a_flock_in_a_breeze_stays_inside_the_fence():
 
 
 def test_point_masses_in_wind_agree_with_their_slow_twin():
-    scenario = BREEZE.replace(drones=3, duration=5.0, sigma_inner=0.0, wind=air.Wind(speed=8.0, turbulence="severe"))
+    scenario = BREEZE.replace(
+        drones=3, duration=5.0, sigma_inner=0.0, wind=effect_configs.Wind(speed=8.0, turbulence="severe")
+    )
     flock, step = Flock(POINT, scenario, "point_mass", 4), 0.01
     plant, world = flock.stages.plant, flock.memory.world
     figures = (plant.tau, plant.a_max, plant.body_drag, plant.rotor_drag, plant.observer_bandwidth, plant.wind_max)
@@ -156,15 +161,15 @@ def test_an_empty_battery_brings_it_down():
     ("changes", "words"),
     [
         (
-            {"wind": air.Wind(speed=40.0)},
+            {"wind": effect_configs.Wind(speed=40.0)},
             r"wind\.speed: 40 m/s pushes the airframe x500 with 15\.8 m/s\^2.*at most 9\.81",
         ),
         (
-            {"wind": air.Wind(), "drag": air.Drag(area=9.0)},
+            {"wind": effect_configs.Wind(), "drag": effect_configs.Drag(area=9.0)},
             r"v_flock: 6 m/s pushes the airframe x500 with .*at most 9\.8",
         ),
-        ({"wind": air.Wind(), "airframe": "paper"}, "airframe: 'paper' is unknown"),
-        ({"wind": air.Wind(turbulence="light"), "altitude": 500.0}, r"altitude: 500 m .* at most 304\.8 m"),
+        ({"wind": effect_configs.Wind(), "airframe": "paper"}, "airframe: 'paper' is unknown"),
+        ({"wind": effect_configs.Wind(turbulence="light"), "altitude": 500.0}, r"altitude: 500 m .* at most 304\.8 m"),
     ],
 )
 def test_air_that_is_too_much_is_refused_before_the_flight(dynamics, changes, words):
@@ -176,4 +181,4 @@ def test_air_that_is_too_much_is_refused_before_the_flight(dynamics, changes, wo
 def test_a_battery_too_empty_to_hover_is_refused():
     least = 1 / load_airframe("x500").thrust_to_weight()
     with pytest.raises(ScenarioError, match=rf"battery\.charge: 0\.001 leaves .* hover it must be over {least:.0%}"):
-        Flock(POINT, Scenario(battery=air.Battery(charge=0.001)), "rigid_body", 1)
+        Flock(POINT, Scenario(battery=effect_configs.Battery(charge=0.001)), "rigid_body", 1)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from moflock_mj.airframes import (
+from moflock_mj.dynamics.airframe_models import (
     airframe_names,
     airframe_path,
     body_prefix,

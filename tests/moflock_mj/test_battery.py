@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, air
-from moflock_mj.airframes import load_airframe
-from moflock_mj.battery import load_cells, make_cells, open_circuit_voltage, power_factor, rotor_power
+from moflock_mj import Scenario
+from moflock_mj.dynamics.airframe_models import load_airframe
+from moflock_mj.effects.battery import load_cells, make_cells, open_circuit_voltage
+from moflock_mj.effects.rotor_power import power_factor, rotor_power
+from moflock_mj.scenario import effect_configs
 from tests.twins import battery_under_load
 
 X500 = load_airframe("x500")
@@ -37,7 +39,7 @@ def test_the_voltage_curve_is_that_of_chen_and_rincon_mora():
 
 
 def test_the_load_agrees_with_its_slow_twin():
-    cells = make_cells(Scenario(drones=9, battery=air.Battery()), X500)
+    cells = make_cells(Scenario(drones=9, battery=effect_configs.Battery()), X500)
     cells.charge[:] = np.linspace(0.1, 1, 9) * cells.capacity
     before, power = cells.charge.copy(), np.linspace(0, 900, 9)
     load_cells(cells, power, 2.0)
@@ -50,7 +52,7 @@ def test_the_load_agrees_with_its_slow_twin():
 
 
 def test_no_more_power_than_a_battery_has_and_none_when_it_is_empty():
-    cells = make_cells(Scenario(drones=2, battery=air.Battery(resistance=1.0, capacity=1000.0)), X500)
+    cells = make_cells(Scenario(drones=2, battery=effect_configs.Battery(resistance=1.0, capacity=1000.0)), X500)
     cells.charge[1] = 0
     load_cells(cells, np.full(2, 1e4), 10.0)
     assert cells.voltage[0] == pytest.approx(2 * open_circuit_voltage(1.0))

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moflock_mj.bounds import Bounds, bounds_of, load_bounds, paper_bounds
 from moflock_mj.errors import SearchError
+from moflock_mj.parameters.bounds import Bounds, bounds_of, load_bounds, paper_bounds
 
 PAPER = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())["bounds"]
 

@@ -118,6 +118,6 @@ def test_a_signal_ends_the_flight_cleanly(tmp_path, number):
 
 
 def test_help_imports_nothing_heavy():
-    code = "import sys, moflock_mj.cli; print([m for m in ('numpy', 'numba', 'mujoco') if m in sys.modules])"
+    code = "import sys, moflock_mj.cli.app; print([m for m in ('numpy', 'numba', 'mujoco') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

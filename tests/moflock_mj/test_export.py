@@ -9,8 +9,8 @@ import pytest
 
 from moflock_mj import Flight, Scenario, fly, paper_point
 from moflock_mj.errors import RenderError
-from moflock_mj.export import COLUMNS, export_csv, export_parquet
-from moflock_mj.order_parameters import OUTSIDE
+from moflock_mj.log.table_export import COLUMNS, export_csv, export_parquet
+from moflock_mj.metrics.order_parameters import OUTSIDE
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: the extra `tables`")
 

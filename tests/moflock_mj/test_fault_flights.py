@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point, read_log
-from moflock_mj.faults import KINDS, Fault
-from moflock_mj.flock import Flock
-from moflock_mj.verify import resume, verify
+from moflock_mj.analysis.verification import resume, verify
+from moflock_mj.scenario.faults import KINDS, Fault
+from moflock_mj.simulation.simulation import Flock
 from tests import twins
 
 POINT = paper_point("model_optimum")

@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 
 from controllers.compiling import Off
-from moflock_mj import Scenario, air, paper_point
-from moflock_mj.breakdown import NEVER, beats_of, delivered_wrench, make_breakdown, strike
-from moflock_mj.clocks import Clocks
+from moflock_mj import Scenario, paper_point
+from moflock_mj.dynamics.rotors import delivered_wrench
+from moflock_mj.effects.fault_injection import NEVER, beats_of, make_breakdown, strike
 from moflock_mj.errors import ScenarioError
-from moflock_mj.events import fault_events
-from moflock_mj.faults import KINDS, Fault, standard_faults
-from moflock_mj.flock import Flock
-from moflock_mj.inertial import make_sensors, take_bearings
-from moflock_mj.live_bodies import LiveBodies
-from moflock_mj.randomness import Streams
-from moflock_mj.world import World
+from moflock_mj.metrics.events import fault_events
+from moflock_mj.scenario import effect_configs
+from moflock_mj.scenario.faults import KINDS, Fault
+from moflock_mj.scenario.schedule import Clocks
+from moflock_mj.sensing.imu import make_sensors, take_bearings
+from moflock_mj.simulation.random_numbers import Streams
+from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.simulation.simulation import Flock
+from moflock_mj.world.state import World
+from optimize.validation.fault_trials import standard_faults
 from tests.compiled import compiled
 from tests.twins import acting
 
@@ -163,7 +166,7 @@ def test_a_weak_rotor_delivers_its_share_and_no_other_does():
 
 def test_an_estimator_without_gps_is_corrected_in_height_alone():
     faults, world = broken(Fault(kind="gps_outage", drone=1))
-    sensors = make_sensors(SHORT.replace(imu=air.Imu(baro_noise=0.0, compass_noise=0.0)), 0.005, 0.1, world)
+    sensors = make_sensors(SHORT.replace(imu=effect_configs.Imu(baro_noise=0.0, compass_noise=0.0)), 0.005, 0.1, world)
     STRIKE(faults, world, 0)
     qpos, qvel = np.zeros((4, 7)), np.ones((4, 6))
     qpos[:, 2:4] = 1

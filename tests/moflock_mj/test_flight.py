@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from moflock_mj import MoflockError, Scenario, fly, paper_point
-from moflock_mj.air import Wind
 from moflock_mj.errors import LogError, PointError, ScenarioError
-from moflock_mj.flock import Flock
-from moflock_mj.response import PointMassResponse
+from moflock_mj.scenario.effect_configs import PointMassResponse, Wind
+from moflock_mj.simulation.simulation import Flock
 from tests import twins
 
 A = paper_point("A")

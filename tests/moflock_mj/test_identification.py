@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from moflock_mj import MoflockError, Scenario
-from moflock_mj.identification import identify
-from moflock_mj.response import PointMassResponse
-from moflock_mj.step_response import respond_to_steps
+from moflock_mj.analysis.identification import identify
+from moflock_mj.analysis.step_response import respond_to_steps
+from moflock_mj.scenario.effect_configs import PointMassResponse
 
 
 def test_a_late_point_mass_answers_as_the_delayed_equation_says():

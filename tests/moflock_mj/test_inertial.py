@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from controllers.compiling import Off
-from moflock_mj import Scenario, air
-from moflock_mj.inertial import feel, make_sensors, take_bearings, walk_biases
-from moflock_mj.world import World
+from moflock_mj import Scenario
+from moflock_mj.scenario import effect_configs
+from moflock_mj.sensing.imu import feel, make_sensors, take_bearings, walk_biases
+from moflock_mj.world.state import World
 from tests.compiled import compiled
 from tests.twins import quaternion_matrix
 
@@ -19,7 +20,7 @@ STEP, BEAT = 0.005, 0.1
 
 
 def sensors_of(drones, **noises):
-    scenario = Scenario(drones=drones, imu=air.Imu(**noises))
+    scenario = Scenario(drones=drones, imu=effect_configs.Imu(**noises))
     return make_sensors(scenario, STEP, BEAT, World.at_rest(drones))
 
 

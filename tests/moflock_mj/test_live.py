@@ -17,15 +17,15 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from moflock_mj import Scenario, paper_point
 from moflock_mj.errors import RenderError
-from moflock_mj.events import FlightEvent
-from moflock_mj.flight import sample_times
-from moflock_mj.flock import Flock
-from moflock_mj.log_schemas import POINT, Metrics
+from moflock_mj.log.schemas import POINT, Metrics
+from moflock_mj.metrics.events import FlightEvent
+from moflock_mj.metrics.samples import sample_times
+from moflock_mj.simulation.simulation import Flock
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: the extra `live`")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed: the extra `html` has it")
 
-from moflock_mj.live import LiveServer  # noqa: E402 - after the extra is known to be there
+from moflock_mj.visualization.live_server import LiveServer  # noqa: E402 - after the extra is known to be there
 
 SECONDS = 3.0
 

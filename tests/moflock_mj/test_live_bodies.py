@@ -7,11 +7,11 @@ import pytest
 
 from controllers.airframe import ROTORS
 from moflock_mj import Scenario
-from moflock_mj.air import Battery, Downwash, Imu, Wind
-from moflock_mj.airframes import airframe_names
-from moflock_mj.live_bodies import LiveBodies
-from moflock_mj.randomness import Streams
-from moflock_mj.world import GRAVITY
+from moflock_mj.dynamics.airframe_models import airframe_names
+from moflock_mj.scenario.effect_configs import Battery, Downwash, Imu, Wind
+from moflock_mj.simulation.random_numbers import Streams
+from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.world.constants import GRAVITY
 
 PLACES = np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]])
 

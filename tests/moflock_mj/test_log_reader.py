@@ -16,10 +16,10 @@ from mcap.writer import Writer
 
 from moflock_mj import LoggedFlight, Scenario, fly, paper_point, read_log
 from moflock_mj.errors import LogError
-from moflock_mj.flock import Flock
-from moflock_mj.log_chunks import ChunkWriter
-from moflock_mj.log_schemas import CHANNELS, RUN_COPY, RUN_METADATA, Metrics, schema_of, state_digests
-from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED
+from moflock_mj.log.chunk_writer import ChunkWriter
+from moflock_mj.log.schemas import CHANNELS, RUN_COPY, RUN_METADATA, Metrics, schema_of, state_digests
+from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
+from moflock_mj.simulation.simulation import Flock
 
 A = paper_point("A")
 # Small enough that drones leave the arena and meet.

@@ -24,11 +24,13 @@ from mcap.records import Channel, Chunk, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from moflock_mj import log_writer
 from moflock_mj.errors import LogError
-from moflock_mj.log_layout import viewer_layout
-from moflock_mj.log_schemas import CHANNELS, FITNESS_FIELDS, ORDER_PARAMETER_FIELDS, POINT, STATUS_RGBA
-from moflock_mj.log_writer import Attachment, FlightEvent, FlightLog, LogHeader, SampleBlock
+from moflock_mj.log import writer
+from moflock_mj.log.encoder import Attachment, LogHeader, SampleBlock
+from moflock_mj.log.foxglove_layout import viewer_layout
+from moflock_mj.log.schemas import CHANNELS, FITNESS_FIELDS, ORDER_PARAMETER_FIELDS, POINT, STATUS_RGBA
+from moflock_mj.log.writer import FlightLog
+from moflock_mj.metrics.events import FlightEvent
 
 TICK = 100_000_000
 
@@ -244,14 +246,14 @@ def test_a_long_block_becomes_many_chunks(tmp_path):
 
 def test_a_flight_faster_than_the_disk_waits(tmp_path, monkeypatch):
     written = []
-    quick = log_writer.Encoder.block
+    quick = writer.Encoder.block
 
     def slow(self, block):
         time.sleep(0.01)
         quick(self, block)
         written.append(block)
 
-    monkeypatch.setattr(log_writer.Encoder, "block", slow)
+    monkeypatch.setattr(writer.Encoder, "block", slow)
     with FlightLog(tmp_path / "a.mcap", header(3)) as log:
         for number, block in enumerate(cut(some_flight(3, 40), 10)):
             log.write(block)
@@ -318,7 +320,7 @@ class FullDisk(io.FileIO):
 
 @pytest.mark.parametrize("room", [100, 30_000, 100_000, 10_000_000])
 def test_a_full_disk_is_one_clear_line_and_leaves_nothing(tmp_path, monkeypatch, room):
-    monkeypatch.setattr(log_writer, "_open", lambda _, part: io.BufferedWriter(FullDisk(part, room)))
+    monkeypatch.setattr(writer, "_open", lambda _, part: io.BufferedWriter(FullDisk(part, room)))
     path = tmp_path / "a.mcap"
     flight = cut(some_flight(30, 400), 10)
 

@@ -5,9 +5,9 @@ import pytest
 
 from moflock_mj import Scenario, fly, paper_point
 from moflock_mj.flight import fly_on
-from moflock_mj.flock import Flock
-from moflock_mj.loop import Record
-from moflock_mj.motion import MotionMeter
+from moflock_mj.metrics.samples import Record
+from moflock_mj.metrics.tracking import MotionMeter
+from moflock_mj.simulation.simulation import Flock
 
 SCENARIO = Scenario(drones=2, arena_side=100.0, duration=10.0)
 

@@ -7,9 +7,8 @@ import pytest
 
 from controllers.compiling import entry_kernel
 from moflock_mj import OrderParameters, Scenario, paper_point
-from moflock_mj.arena import SquareArena
-from moflock_mj.fitness import falling, fitness_of, gaussian, rising
-from moflock_mj.order_parameters import (
+from moflock_mj.metrics.fitness import falling, fitness_of, gaussian, rising
+from moflock_mj.metrics.order_parameters import (
     CLOSE,
     OUTSIDE,
     TOUCHED,
@@ -19,7 +18,8 @@ from moflock_mj.order_parameters import (
     count_sample,
     write_running,
 )
-from moflock_mj.world import World
+from moflock_mj.world.square import SquareArena
+from moflock_mj.world.state import World
 from tests import twins
 
 

@@ -14,10 +14,10 @@ import pytest
 
 from moflock_mj import Scenario, fly, paper_point, read_log
 from moflock_mj.errors import RenderError
-from moflock_mj.log_layout import BLUEPRINT_FILE, PLOTS, viewer_layout
-from moflock_mj.log_scene import arena_points
-from moflock_mj.log_schemas import CHANNELS, Metrics
-from moflock_mj.viewer_files import export_layouts
+from moflock_mj.log.foxglove_layout import BLUEPRINT_FILE, PLOTS, viewer_layout
+from moflock_mj.log.scene_encoder import arena_points
+from moflock_mj.log.schemas import CHANNELS, Metrics
+from moflock_mj.visualization.viewer_layouts import export_layouts
 
 needs_rerun = pytest.mark.skipif(not find_spec("rerun_cli"), reason="rerun-sdk is not installed: the extra `rerun`")
 NODE_PACKAGES = ("@mcap/core@2.2.2", "fzstd@0.1.1")

@@ -12,7 +12,7 @@ from PIL import Image
 
 from moflock_mj import Flight, Scenario, fly, paper_point
 from moflock_mj.errors import RenderError
-from moflock_mj.page import write_page
+from moflock_mj.visualization.html_page import write_page
 
 pytest.importorskip("viser", reason="viser is not installed: the extra `html`")
 

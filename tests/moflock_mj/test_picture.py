@@ -9,7 +9,7 @@ from PIL import Image
 
 from moflock_mj import Flight, Scenario, fly, paper_point
 from moflock_mj.errors import RenderError
-from moflock_mj.picture import draw_picture, feasible_maxima, flight_figure
+from moflock_mj.visualization.flight_figure import draw_picture, feasible_maxima, flight_figure
 
 
 def flown(point: str = "A", drones: int = 6, duration: float = 8.0, **given: object) -> Flight:

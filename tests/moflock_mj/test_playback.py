@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point
-from moflock_mj.cameras import CAMERAS, View, camera_path
-from moflock_mj.drone_colours import clearances, danger_colours
 from moflock_mj.errors import RenderError
-from moflock_mj.log_schemas import STATUS_RGBA
-from moflock_mj.order_parameters import CLOSE, OUTSIDE, TOUCHED
-from moflock_mj.playback import Playback, playback_of
-from moflock_mj.scenery import Painter, grid_cell, pose, room_for, stage_model
+from moflock_mj.log.schemas import STATUS_RGBA
+from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
+from moflock_mj.rendering.cameras import CAMERAS, View, camera_path
+from moflock_mj.rendering.scene import Painter, grid_cell, pose, room_for, stage_model
+from moflock_mj.visualization.colours import clearances, danger_colours
+from moflock_mj.visualization.playback import Playback, playback_of
 
 SCENARIO = Scenario(drones=5, duration=20.0, arena_side=120.0)
 QUARTER_TURN = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])

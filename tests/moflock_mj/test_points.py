@@ -9,7 +9,7 @@ import pytest
 
 from moflock_mj import load_point, paper_point
 from moflock_mj.errors import PointError
-from moflock_mj.points import dump_point, point_names
+from moflock_mj.parameters.points import dump_point, point_names
 
 PAPER = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())
 

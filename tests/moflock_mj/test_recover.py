@@ -14,11 +14,11 @@ import pytest
 from mcap.reader import make_reader
 
 from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj.analysis.verification import verify
+from moflock_mj.cli.replay_output import print_logged_flight, print_recovery, print_verification
 from moflock_mj.errors import LogError
-from moflock_mj.log_schemas import RUN_COPY
-from moflock_mj.recover import RECOVERY_METADATA, recover, recovered_path
-from moflock_mj.replay_text import print_logged_flight, print_recovery, print_verification
-from moflock_mj.verify import verify
+from moflock_mj.log.recovery import RECOVERY_METADATA, recover, recovered_path
+from moflock_mj.log.schemas import RUN_COPY
 from tests.moflock_mj.test_log_reader import bomb, foreign
 
 A = paper_point("A")

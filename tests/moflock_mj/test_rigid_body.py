@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point
-from moflock_mj.aerodynamics import AIR_DENSITY
-from moflock_mj.air import Drag
-from moflock_mj.airframes import airframe_names, load_airframe
+from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
+from moflock_mj.dynamics.bodies import GROUND
 from moflock_mj.errors import FlightError
-from moflock_mj.flock import Flock
-from moflock_mj.rigid_body import GROUND
+from moflock_mj.scenario.effect_configs import Drag
+from moflock_mj.simulation.simulation import Flock
+from moflock_mj.world.constants import AIR_DENSITY
 
 POINT = paper_point("model_optimum")
 CALM = Scenario(drones=4, duration=10.0, arena_side=200.0, sigma_outer=0.0, sigma_inner=0.0)

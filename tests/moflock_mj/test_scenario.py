@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from moflock_mj import Scenario
-from moflock_mj.air import Imu, Wind
-from moflock_mj.clocks import Clocks
 from moflock_mj.errors import ScenarioError
+from moflock_mj.scenario.effect_configs import Imu, Wind
+from moflock_mj.scenario.schedule import Clocks
 
 PAPER = json.loads((Path(__file__).parent.parent / "reference" / "paper.json").read_text())["scenario"]
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from controllers.compiling import Off, entry_kernel
-from controllers.policy import Sensed
+from controllers.policies.interface import Sensed
 from moflock_mj import Scenario
-from moflock_mj.arena import SquareArena, locate_square_walls
 from moflock_mj.errors import ScenarioError
-from moflock_mj.sensing import SensorModel, SensorState, remember, sense
-from moflock_mj.start import start_world
-from moflock_mj.world import World
+from moflock_mj.sensing.gps import SensorModel, SensorState, remember
+from moflock_mj.sensing.sense import sense
+from moflock_mj.simulation.initial_state import start_world
+from moflock_mj.world.square import SquareArena, locate_square_walls
+from moflock_mj.world.state import World
 
 QUIET = SensorModel(t_gps=0.2, sigma_inner=0.0, lambda_gps=0.1, r_comm=100.0, packet_loss=0.0)
 

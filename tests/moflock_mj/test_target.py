@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moflock_mj import MoflockError, Scenario, fly, paper_point
-from moflock_mj.target import Sine, fit_sine, target_distance, track_target
+from moflock_mj.analysis.target_tracking import Sine, fit_sine, target_distance, track_target
 
 SHORT = Scenario(drones=6, arena_side=200.0, duration=90.0, step=0.1)
 

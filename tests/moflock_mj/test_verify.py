@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from moflock_mj import LoggedFlight, Scenario, fly, paper_point, read_log
+from moflock_mj.analysis.target_tracking import track_target
+from moflock_mj.analysis.verification import Difference, resume, verify
 from moflock_mj.errors import LogError, MoflockError
-from moflock_mj.log_schemas import Metrics
-from moflock_mj.target import track_target
-from moflock_mj.verify import Difference, resume, verify
+from moflock_mj.log.schemas import Metrics
 from tests.moflock_mj.test_log_reader import rebuild
 
 A, B = paper_point("A"), paper_point("B")

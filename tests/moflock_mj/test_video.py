@@ -10,12 +10,12 @@ import pytest
 
 from moflock_mj import Scenario, fly, paper_point
 from moflock_mj.errors import RenderError
-from moflock_mj.gl import find_gl
-from moflock_mj.viewer import Player, show
+from moflock_mj.rendering.gl import find_gl
+from moflock_mj.rendering.interactive_viewer import Player, show
 
 av = pytest.importorskip("av", reason="PyAV is not installed: the extra `video`")
 
-from moflock_mj.video import SMALLEST, render_video  # noqa: E402 - after the extra is known to be there
+from moflock_mj.rendering.video import SMALLEST, render_video  # noqa: E402 - after the extra is known to be there
 
 try:
     find_gl()
@@ -62,7 +62,7 @@ def test_every_drone_is_seen_in_the_colour_that_the_legend_gives_it(tmp_path):
 
 @needs_gl
 def test_a_rendering_process_that_fails_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("moflock_mj.video.find_gl", lambda: "nothing")
+    monkeypatch.setattr("moflock_mj.rendering.video.find_gl", lambda: "nothing")
     with pytest.raises(RenderError, match=r"ended with status 1: RuntimeError: .*MUJOCO_GL: nothing"):
         render_video([flown()], tmp_path / "v.mp4", processes=1)
     assert list(tmp_path.iterdir()) == []

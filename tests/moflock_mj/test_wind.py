@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, air
+from moflock_mj import Scenario
+from moflock_mj.effects.wind import FOOT, GUST_DRAWS, blow, dryden_scales, make_wind
 from moflock_mj.errors import ScenarioError
-from moflock_mj.wind import FOOT, GUST_DRAWS, blow, dryden_scales, make_wind
+from moflock_mj.scenario import effect_configs
 from tests.compiled import compiled
 from tests.twins import dryden_correlation, next_gusts
 
@@ -18,7 +19,7 @@ BLOW = compiled(blow, 3)
 
 
 def gusty(drones, **changes):
-    section = air.Wind(**({"speed": 10.0, "direction": 0.3, "turbulence": "moderate"} | changes))
+    section = effect_configs.Wind(**({"speed": 10.0, "direction": 0.3, "turbulence": "moderate"} | changes))
     scenario = Scenario(drones=drones, wind=section)
     return make_wind(scenario, PERIOD, np.random.default_rng(1))
 
@@ -33,9 +34,9 @@ def test_scales_at_the_ends_of_the_low_altitude_model():
 
 
 def test_named_turbulence_is_that_of_15_30_and_45_knots():
-    winds = [air.Wind(turbulence=name).gust_wind for name in ("none", "light", "moderate", "severe")]
+    winds = [effect_configs.Wind(turbulence=name).gust_wind for name in ("none", "light", "moderate", "severe")]
     assert winds == pytest.approx([0, 7.717, 15.433, 23.15], abs=1e-3)
-    assert air.Wind(w20=9.0).gust_wind == 9.0
+    assert effect_configs.Wind(w20=9.0).gust_wind == 9.0
 
 
 def test_gusts_agree_with_their_slow_twin():
@@ -89,7 +90,7 @@ def test_without_turbulence_the_wind_is_steady():
 
 
 def test_gusts_above_their_model_are_refused():
-    high = Scenario(altitude=400.0, wind=air.Wind(turbulence="light"))
+    high = Scenario(altitude=400.0, wind=effect_configs.Wind(turbulence="light"))
     with pytest.raises(
         ScenarioError, match=r"altitude: 400 m is out of bounds: with gusts it must be at most 304\.8 m"
     ):

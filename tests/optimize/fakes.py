@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from moflock_mj.bounds import paper_bounds
-from moflock_mj.scenario import Scenario
-from optimize.configuration import Configuration, Settings
-from optimize.evaluation import Evaluation, infeasible
+from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.evaluation import Evaluation, infeasible
+from optimize.search.configuration import Configuration, Settings
 
 
 class FakeExecutor:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from optimize.algorithms import make_algorithm
-from optimize.configuration import ALGORITHMS, SINGLE_OBJECTIVE
-from optimize.plan import Memory, Plan, noise_policy
-from optimize.regression import Belief
+from optimize.search.algorithms import make_algorithm
+from optimize.search.allocation import Memory, Plan, noise_policy
+from optimize.search.configuration import ALGORITHMS, SINGLE_OBJECTIVE
+from optimize.search.gaussian_process import Belief
 
 NOISE = ("fixed", "common", "refly")
 

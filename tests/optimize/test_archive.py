@@ -9,12 +9,12 @@ import textwrap
 import numpy as np
 import pytest
 
-from moflock_mj.bounds import bounds_of
 from moflock_mj.errors import SearchError
-from moflock_mj.points import paper_point
-from optimize.archive import RunDirectory
-from optimize.configuration import Configuration, Settings
-from optimize.evaluation import Evaluation, Job, Task, infeasible
+from moflock_mj.parameters.bounds import bounds_of
+from moflock_mj.parameters.points import paper_point
+from optimize.evaluation.evaluation import Evaluation, Job, Task, infeasible
+from optimize.search.configuration import Configuration, Settings
+from optimize.search.run_directory import RunDirectory
 from tests.optimize.fakes import small_configuration
 
 
@@ -100,7 +100,7 @@ def test_rows_outlive_a_killed_program(tmp_path):
     program = textwrap.dedent(
         """
         import sys
-        from optimize.archive import RunDirectory
+        from optimize.search.run_directory import RunDirectory
         from tests.optimize.fakes import small_configuration
         from tests.optimize.test_archive import some_evaluation
         run = RunDirectory.create(sys.argv[1], small_configuration())

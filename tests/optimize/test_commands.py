@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import pytest
 
-from moflock_mj.cli import main
+from moflock_mj.cli.app import main
 
 MOFLOCK = Path(sys.executable).parent / "moflock"
 TINY = ("--drones", "4", "--duration", "4")

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optimize.coverage import SIGHT, coverage
+from optimize.evaluation.coverage import SIGHT, coverage
 
 
 def slow_coverage(position, arena_side):

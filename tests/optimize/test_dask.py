@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.points import paper_point
-from moflock_mj.scenario import Scenario
-from optimize.evaluation import Job, Task, evaluate
-from optimize.executor import make_executor
+from moflock_mj.parameters.points import paper_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.evaluation import Job, Task, evaluate
+from optimize.evaluation.executors import make_executor
 from tests.optimize.test_commands import run
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")

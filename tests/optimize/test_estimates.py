@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from moflock_mj.points import paper_point
-from optimize.estimates import estimated_front, estimates, hypervolume, non_dominated
-from optimize.evaluation import Evaluation
-from optimize.objectives import PAPER
+from moflock_mj.parameters.points import paper_point
+from optimize.evaluation.evaluation import Evaluation
+from optimize.evaluation.objectives import PAPER
+from optimize.search.estimates import estimated_front, estimates, hypervolume, non_dominated
 
 
 def flown(number, point, objectives):

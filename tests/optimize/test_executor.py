@@ -10,11 +10,12 @@ import pytest
 
 from moflock_mj.errors import MoflockError, SearchError
 from moflock_mj.flight import fly
-from moflock_mj.points import paper_point
-from moflock_mj.scenario import Scenario
-from optimize.coverage import coverage
-from optimize.evaluation import Job, Task, evaluate
-from optimize.executor import LocalExecutor, _Worker, make_executor
+from moflock_mj.parameters.points import paper_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.coverage import coverage
+from optimize.evaluation.evaluation import Job, Task, evaluate
+from optimize.evaluation.executors import make_executor
+from optimize.evaluation.local_executor import LocalExecutor, _Worker
 
 TINY = Scenario(drones=5, arena_side=120.0, duration=10.0, step=0.1)
 LONG = TINY.replace(drones=30, duration=20_000.0)
@@ -116,7 +117,7 @@ def test_an_evaluation_that_takes_too_long_notices_by_itself():
 
 
 def test_a_worker_that_hangs_is_killed(monkeypatch):
-    monkeypatch.setattr("optimize.executor._GRACE", 0.5)
+    monkeypatch.setattr("optimize.evaluation.local_executor._GRACE", 0.5)
     with LocalExecutor(Job(scenario=TINY, dynamics="point_mass", timeout=0.3), 1) as executor:
         hung = executor._crew[0]._process.pid
         os.kill(hung, signal.SIGSTOP)

@@ -9,15 +9,16 @@ import types
 import numpy as np
 import pytest
 
-from controllers.flocking import FlockingParams
-from moflock_mj import Scenario, air, load_point
-from moflock_mj.bounds import paper_bounds
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj import Scenario, load_point
 from moflock_mj.errors import SearchError
-from optimize.estimates import hypervolume, non_dominated
-from optimize.evaluation import Evaluation
-from optimize.fly_points import fly_points, fresh_seeds
-from optimize.front import best_with, candidates, choose, fly_front, knee, load_front, point_json
-from optimize.objectives import PAPER
+from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.scenario import effect_configs
+from optimize.evaluation.batch import fly_points, fresh_seeds
+from optimize.evaluation.evaluation import Evaluation
+from optimize.evaluation.objectives import PAPER
+from optimize.search.estimates import hypervolume, non_dominated
+from optimize.search.front import best_with, candidates, choose, fly_front, knee, load_front, point_json
 
 SCENARIO = Scenario(drones=4, duration=10)
 
@@ -162,7 +163,7 @@ def test_a_chosen_point_is_one_that_can_be_flown_and_says_where_it_is_from(tmp_p
     assert provenance["algorithm"] == "none"
 
 
-@pytest.mark.parametrize("sections", [{}, {"wind": air.Wind(speed=8.0)}])
+@pytest.mark.parametrize("sections", [{}, {"wind": effect_configs.Wind(speed=8.0)}])
 def test_a_front_is_read_as_it_was_written(tmp_path, sections):
     front = dataclasses.replace(flown(*CURVE), scenario=SCENARIO.replace(**sections))
     path = tmp_path / "front.json"

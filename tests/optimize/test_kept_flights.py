@@ -10,12 +10,12 @@ import time
 
 import pytest
 
-from moflock_mj.points import paper_point
-from moflock_mj.scenario import Scenario
-from optimize import kept_flights
-from optimize.archive import Archive
-from optimize.evaluation import Job, Task
-from optimize.kept_flights import KeptFlights
+from moflock_mj.parameters.points import paper_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation import resumable
+from optimize.evaluation.archive import Archive
+from optimize.evaluation.evaluation import Job, Task
+from optimize.evaluation.resumable import KeptFlights
 from tests.optimize.fakes import FakeExecutor
 from tests.optimize.test_commands import MOFLOCK, refused, rows_so_far, run
 
@@ -54,7 +54,7 @@ def studied(arguments, out, dies_after=None):
         return crews[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kept_flights, "make_executor", make_executor)
+        patch.setattr(resumable, "make_executor", make_executor)
         done = run(*arguments, "--out", out)
     return done, [flight for crew in crews for flight in crew.flights]
 
@@ -91,7 +91,7 @@ def test_a_study_that_is_over_is_not_flown_again(tmp_path):
 
 def test_without_a_folder_each_study_has_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(kept_flights, "make_executor", lambda job, *_: FakeExecutor(job))
+    monkeypatch.setattr(resumable, "make_executor", lambda job, *_: FakeExecutor(job))
     for arguments in (SWEEP, PCA, SWEEP, (*SWEEP, "--seeds", 2)):
         assert run(*arguments).returncode == 0
     assert sorted(path.name.split("-")[0] for path in (tmp_path / "logs").iterdir()) == ["pca", "sweep", "sweep"]
@@ -135,7 +135,7 @@ def test_a_folder_of_another_sensitivity_is_refused(arguments, words, tmp_path):
 
 def test_flights_of_other_versions_are_refused(tmp_path, monkeypatch):
     studied(SWEEP, tmp_path / "s", dies_after=5)
-    monkeypatch.setattr(kept_flights, "installed_versions", lambda _: {"mujoco": "2"})
+    monkeypatch.setattr(resumable, "installed_versions", lambda _: {"mujoco": "2"})
     assert "another study (versions)" in refused(*SWEEP, "--out", tmp_path / "s")
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from moflock_mj import air
 from moflock_mj.errors import SearchError
-from moflock_mj.fitness import fitness_of
-from moflock_mj.order_parameters import OrderParameters
-from moflock_mj.scenario import Scenario
-from optimize.objectives import PAPER, Objectives, load_objectives
+from moflock_mj.metrics.fitness import fitness_of
+from moflock_mj.metrics.order_parameters import OrderParameters
+from moflock_mj.scenario import effect_configs
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.objectives import PAPER, Objectives, load_objectives
 
 FITNESS = fitness_of(OrderParameters(1.0, 5.0, 0.8, 1e-5, 0.4, 5.0), Scenario())
 
@@ -47,7 +47,7 @@ def test_what_makes_no_sense_is_refused(groups, names, words):
         Objectives(groups=groups, names=names)
 
 
-@pytest.mark.parametrize("sections", [{}, {"wind": air.Wind(speed=8.0), "imu": air.Imu()}])
+@pytest.mark.parametrize("sections", [{}, {"wind": effect_configs.Wind(speed=8.0), "imu": effect_configs.Imu()}])
 def test_a_file_is_read_back(tmp_path, sections):
     path, scenario = tmp_path / "o.json", Scenario(drones=12, **sections)
     found = Objectives(groups=(("wall", "coll"), ("speed",)), names=("x", "y"), scenario=scenario)
@@ -56,7 +56,7 @@ def test_a_file_is_read_back(tmp_path, sections):
     assert load_objectives(path, scenario.replace(step=0.1)) == found
 
 
-@pytest.mark.parametrize("change", [{"drones": 13}, {"t_del": 0.4}, {"wind": air.Wind(speed=1.0)}])
+@pytest.mark.parametrize("change", [{"drones": 13}, {"t_del": 0.4}, {"wind": effect_configs.Wind(speed=1.0)}])
 def test_a_file_of_another_scenario_is_refused(tmp_path, change):
     path, scenario = tmp_path / "o.json", Scenario(drones=12)
     path.write_text(Objectives(groups=PAPER.groups, names=PAPER.names, scenario=scenario).to_json())

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from moflock_mj.points import load_point
-from moflock_mj.scenario import Scenario
-from optimize.comparison import ENTRANTS, score
-from optimize.front import FlownFront
-from optimize.objectives import PAPER
-from optimize.paper import Effort, reproduce
+from moflock_mj.parameters.points import load_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.objectives import PAPER
+from optimize.search.front import FlownFront
+from optimize.studies.comparison import ENTRANTS, score
+from optimize.studies.paper import Effort, reproduce
 
 TINY = Scenario(drones=4, arena_side=150.0, duration=110.0)
 EFFORT = Effort(points=12, analyses=1, budget=60, runs=1, fresh=2, seeds=3, tracks=1)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario
-from moflock_mj.bounds import paper_bounds
 from moflock_mj.errors import SearchError
-from optimize.objectives import FITNESS_NAMES, Objectives
-from optimize.pca import (
+from moflock_mj.parameters.bounds import paper_bounds
+from optimize.analysis.pca import (
     agreement,
     components_json,
     fitness_components,
@@ -20,7 +19,8 @@ from optimize.pca import (
     principal_components,
     random_points,
 )
-from optimize.reference import COVARIANCE, FIRST_COMPONENT
+from optimize.analysis.published_results import COVARIANCE, FIRST_COMPONENT
+from optimize.evaluation.objectives import FITNESS_NAMES, Objectives
 
 
 def samples_of(covariance, count, rng):

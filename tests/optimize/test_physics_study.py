@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.points import load_point, named_point
-from moflock_mj.scenario import Scenario
-from optimize.archive import RunDirectory
-from optimize.front import FlownFront, load_front
-from optimize.objectives import PAPER
-from optimize.physics_page import KINDS, PLAIN, REFINED, difference
-from optimize.physics_study import Effort, make_study
-from optimize.validation import ValidationDirectory
+from moflock_mj.parameters.points import load_point, named_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.objectives import PAPER
+from optimize.search.front import FlownFront, load_front
+from optimize.search.run_directory import RunDirectory
+from optimize.studies.physics import Effort, make_study
+from optimize.studies.physics_page import KINDS, PLAIN, REFINED, difference
+from optimize.validation.validation import ValidationDirectory
 
 TINY = Scenario(drones=3, arena_side=120.0, duration=5.0)
 EFFORT = Effort(flights=12, runs=1, points=2, seeds=3, population=8, judged=3, trials=2)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from optimize import regression
-from optimize.regression import Flights, Regression, flight_variance, pooled_variance, unlikeliness
+from optimize.search import gaussian_process
+from optimize.search.gaussian_process import Flights, Regression, flight_variance, pooled_variance, unlikeliness
 
 
 def truth_at(points):
@@ -157,7 +157,7 @@ def test_few_points_and_equal_ones(count):
 
 
 def test_of_too_many_points_the_surest_and_latest_are_taken(monkeypatch):
-    monkeypatch.setattr(regression, "MOST", 20)
+    monkeypatch.setattr(gaussian_process, "MOST", 20)
     flights = noisy([1] * 30 + [5] * 10)
     found = Regression(flights).mean()
     assert (found[:20] == flights.mean[:20]).all()

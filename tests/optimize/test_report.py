@@ -9,13 +9,13 @@ import pytest
 
 from moflock_mj import Scenario
 from moflock_mj.errors import SearchError
-from optimize.archive import RunDirectory
-from optimize.configuration import Configuration, Settings
-from optimize.evaluation import Job, evaluate
-from optimize.findings import believed_fronts, flown_front, gather, growth
-from optimize.pca import components_json, grouped_by_sign, study
-from optimize.report import write_report
-from optimize.search import search
+from optimize.analysis.pca import components_json, grouped_by_sign, study
+from optimize.evaluation.evaluation import Job, evaluate
+from optimize.reports.search_report import write_report
+from optimize.search.configuration import Configuration, Settings
+from optimize.search.findings import believed_fronts, flown_front, gather, growth
+from optimize.search.run_directory import RunDirectory
+from optimize.search.search import search
 
 SCENARIO = Scenario(drones=5, duration=8.0, step=0.1, arena_side=120.0)
 

@@ -7,14 +7,14 @@ import textwrap
 import numpy as np
 import pytest
 
-from controllers.flocking import FlockingParams
+from controllers.policies.vasarhelyi import FlockingParams
 from moflock_mj.errors import SearchError
-from moflock_mj.points import paper_point
-from optimize.archive import RunDirectory
-from optimize.estimates import hypervolume
-from optimize.evaluation import Task
-from optimize.front import candidates
-from optimize.search import search
+from moflock_mj.parameters.points import paper_point
+from optimize.evaluation.evaluation import Task
+from optimize.search.estimates import hypervolume
+from optimize.search.front import candidates
+from optimize.search.run_directory import RunDirectory
+from optimize.search.search import search
 from tests.optimize.fakes import FakeExecutor, small_configuration
 
 
@@ -77,8 +77,8 @@ def test_a_search_that_is_killed_and_resumed_ends_the_same(tmp_path):
     program = textwrap.dedent(
         """
         import sys
-        from optimize.archive import RunDirectory
-        from optimize.search import search
+        from optimize.search.run_directory import RunDirectory
+        from optimize.search.search import search
         from tests.optimize.fakes import FakeExecutor, small_configuration
         configuration = small_configuration(budget=200)
         with RunDirectory.create(sys.argv[1], configuration) as run:

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from controllers.flocking import FlockingParams
-from moflock_mj.bounds import paper_bounds
-from moflock_mj.points import paper_point
-from optimize.evaluation import Evaluation
-from optimize.sensitivity import one_at_a_time, sobol_indices
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.parameters.points import paper_point
+from optimize.analysis.sensitivity import one_at_a_time, sobol_indices
+from optimize.evaluation.evaluation import Evaluation
 from tests.optimize.test_commands import refused, run
 
 

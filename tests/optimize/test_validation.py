@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.faults import standard_faults
-from moflock_mj.points import dump_point, paper_point
-from moflock_mj.scenario import Scenario
-from optimize.evaluation import FIGURE_NAMES, Job, Task, infeasible
-from optimize.fault_trials import fault_trials
-from optimize.validation import Settings, ValidationDirectory, gather
-from optimize.validation_study import POINTS, make_study
+from moflock_mj.parameters.points import dump_point, paper_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.evaluation import FIGURE_NAMES, Job, Task, infeasible
+from optimize.studies.validation import POINTS, make_study
+from optimize.validation.fault_trials import fault_trials, standard_faults
+from optimize.validation.validation import Settings, ValidationDirectory, gather
 from tests.optimize.test_commands import MOFLOCK, refused, run
 
 TINY = ("--drones", "4", "--duration", "4", "--workers", "1")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from moflock_mj.verdict import VerdictLimits
-from optimize.evaluation import FIGURE_NAMES
-from optimize.verdict import judge
+from moflock_mj.metrics.verdict import judge
+from moflock_mj.scenario.acceptance import VerdictLimits
+from optimize.evaluation.evaluation import FIGURE_NAMES, figure_columns
 
 GOOD = {"separation_min": 4.0, "saturated_share": 0.001, "altitude_error_max": 0.1, "outside_max": 0.5}
 
@@ -18,7 +18,7 @@ def figures(*flights):
 
 
 def judged(*flights, failed=0, limits=LIMITS, diameter=0.4):
-    return judge(figures(*flights), failed, limits, diameter)
+    return judge(figure_columns(figures(*flights)), failed, limits, diameter)
 
 
 def test_a_good_point_is_flyable_and_told_its_nearest_limit():

@@ -9,11 +9,11 @@ import numpy as np
 import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
 
-from moflock_mj.autopilot.ardupilot_json import Pulses, parse_pulses, sensor_line
-from moflock_mj.autopilot.link import Reading
-from moflock_mj.autopilot.px4_simulator import Px4Link, gps_message, sensor_message
-from moflock_mj.autopilot.sensors import Motion, Surroundings
-from moflock_mj.mavlink.geodesy import Origin
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.sitl.ardupilot_json import Pulses, parse_pulses, sensor_line
+from moflock_mj.sitl.interface import Reading
+from moflock_mj.sitl.px4_hil import Px4Link, gps_message, sensor_message
+from moflock_mj.sitl.sensors import Motion, Surroundings
 
 MOTION = Motion(
     gyro=np.array([[0.1, -0.2, 0.3]]),

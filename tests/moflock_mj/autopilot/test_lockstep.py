@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario
-from moflock_mj.autopilot.lockstep import INTERFACES, LockStep, PhysicsPlan
 from moflock_mj.errors import MoflockError
-from moflock_mj.faults import Fault
+from moflock_mj.scenario.faults import Fault
+from moflock_mj.sitl.lockstep import INTERFACES, LockStep, PhysicsPlan
 from tests.moflock_mj.autopilot.stand_in import STAND_INS
 
 CALM = Scenario(sigma_inner=0.0, sigma_outer=0.0)

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.mixer import wrench_matrix
-from moflock_mj.airframes import airframe_names, load_airframe
-from moflock_mj.autopilot.motors import Motors, outputs_of_pwm, rotor_order
+from controllers.flight_control.mixer import wrench_matrix
+from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
 from moflock_mj.errors import AirframeError
+from moflock_mj.sitl.motors import Motors, outputs_of_pwm, rotor_order
 
 
 @pytest.mark.parametrize(("airframe", "order"), [("x500", [0, 1, 2, 3]), ("crazyflie", [0, 2, 3, 1])])

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from moflock_mj.autopilot.programs import PLACEHOLDERS, Programs, fill_command
 from moflock_mj.errors import FleetError
+from moflock_mj.sitl.processes import PLACEHOLDERS, Programs, fill_command
 
 VALUES = {name: name.upper() for name in PLACEHOLDERS}
 
@@ -67,7 +67,7 @@ time.sleep(600)
 
 
 def test_programs_have_folders_and_end_with_their_children_even_if_they_do_not_want_to(tmp_path, monkeypatch):
-    monkeypatch.setattr("moflock_mj.autopilot.programs._GRACE", 0.2)
+    monkeypatch.setattr("moflock_mj.sitl.processes._GRACE", 0.2)
     outputs = [tmp_path / str(number) / "output.txt" for number in range(2)]
     with Programs([[sys.executable, "-c", STUBBORN]] * 2, tmp_path) as programs:
         wait_for(lambda: all(path.exists() and path.read_text().endswith("\n") for path in outputs))
@@ -90,7 +90,7 @@ def test_a_second_ctrl_c_while_programs_end_leaves_none(tmp_path, monkeypatch):
             raise interrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("moflock_mj.autopilot.programs.time.sleep", nap)
+        patch.setattr("moflock_mj.sitl.processes.time.sleep", nap)
         with pytest.raises(KeyboardInterrupt):
             programs.end()
     assert programs.ended(0) == f"it has ended with signal 9: see {tmp_path / '0' / 'output.txt'}"

@@ -18,12 +18,12 @@ from pathlib import Path
 
 import pytest
 
-from moflock_mj.deploy.readiness import RATES
-from moflock_mj.mavlink.connections import parse_vehicles
+from moflock_mj.deployment.prelaunch import RATES
+from moflock_mj.ground_station.commands import set_rates
+from moflock_mj.ground_station.piloting import STREAM_FIRST, Task, begin, take_off, velocity_setpoint
+from moflock_mj.ground_station.station import vehicles_at
+from moflock_mj.mavlink.addresses import parse_vehicles
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.ground import vehicles_at
-from moflock_mj.mavlink.orders import set_rates
-from moflock_mj.mavlink.piloting import STREAM_FIRST, Task, begin, take_off, velocity_setpoint
 from tests.moflock_mj.autopilot.copter_pilot import CopterPilot
 
 MOFLOCK = Path(sys.executable).parent / "moflock"

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from moflock_mj import Scenario
-from moflock_mj.air import Imu
-from moflock_mj.autopilot.sensors import (
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.scenario.effect_configs import Imu
+from moflock_mj.simulation.random_numbers import Streams
+from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.sitl.sensors import (
     DECLINATION,
     FIELD_STRENGTH,
     INCLINATION,
@@ -20,9 +23,6 @@ from moflock_mj.autopilot.sensors import (
     pressure_at,
     to_body,
 )
-from moflock_mj.live_bodies import LiveBodies
-from moflock_mj.mavlink.geodesy import Origin
-from moflock_mj.randomness import Streams
 
 EXACT = Imu(gyro_noise=0, gyro_walk=0, accel_noise=0, accel_walk=0, baro_noise=0)
 STEP = 1 / 1200

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from moflock_mj.cli import app
+from moflock_mj.cli.app import make_app
 from moflock_mj.errors import MoflockError
 
 MOFLOCK = Path(sys.executable).parent / "moflock"
@@ -101,7 +101,7 @@ def test_it_waits_for_programs_that_the_user_starts(tmp_path):
 def test_bad_wishes_are_refused(arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises((MoflockError, typer.TyperException), match=words):
-        app(["fleet", *arguments], standalone_mode=False)
+        make_app()(["fleet", *arguments], standalone_mode=False)
 
 
 def test_a_program_that_ends_at_once_is_told_in_one_line(tmp_path):

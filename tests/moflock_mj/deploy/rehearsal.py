@@ -8,9 +8,9 @@ import dataclasses
 import numpy as np
 
 from moflock_mj import load_point
-from moflock_mj.deploy.deployment import DeployPlan, Wishes, deploy
-from moflock_mj.mavlink.fleet_faults import Fault
-from moflock_mj.scenario import Scenario
+from moflock_mj.deployment.deployment import DeployPlan, Wishes, deploy
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulated_vehicles.vehicle_faults import Fault
 from tests.moflock_mj.mavlink import simulated_time
 from tests.moflock_mj.mavlink.ground_station import fleet_of
 from tests.moflock_mj.mavlink.simulated_time import Wires, connections_to, flying

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from moflock_mj.deploy.member import Stage
+from moflock_mj.deployment.member import Stage
 from tests.moflock_mj.deploy.rehearsal import SCENARIO, rehearse
 
 

@@ -7,12 +7,12 @@ import math
 
 import pytest
 
-from moflock_mj.deploy.deployment import Finish
-from moflock_mj.deploy.health import Health
-from moflock_mj.deploy.homing import distance, is_clear
-from moflock_mj.deploy.member import Stage
-from moflock_mj.mavlink import ardupilot, px4
-from moflock_mj.mavlink.fleet_faults import Fault, Schedule
+from moflock_mj.deployment.deployment import Finish
+from moflock_mj.deployment.loop_health import Health
+from moflock_mj.deployment.member import Stage
+from moflock_mj.deployment.return_paths import distance, is_clear
+from moflock_mj.simulated_vehicles import ardupilot, px4
+from moflock_mj.simulated_vehicles.vehicle_faults import Fault, Schedule
 from tests.moflock_mj.deploy.rehearsal import rehearse
 from tests.moflock_mj.deploy.test_faults import FAILSAFES, SMALL
 

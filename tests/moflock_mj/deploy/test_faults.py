@@ -11,17 +11,17 @@ import pytest
 from mcap.reader import make_reader
 
 from moflock_mj import fly, load_point
-from moflock_mj.deploy.member import Stage
-from moflock_mj.deploy.watchdogs import Watchdogs
+from moflock_mj.analysis.verification import resume, verify
+from moflock_mj.cli.replay_output import print_logged_flight, print_recovery
+from moflock_mj.deployment.member import Stage
+from moflock_mj.deployment.watchdogs import Watchdogs
 from moflock_mj.errors import LogError
-from moflock_mj.log_reader import read_log
-from moflock_mj.log_schemas import Packet
-from moflock_mj.mavlink import ardupilot, px4
+from moflock_mj.log.reader import read_log
+from moflock_mj.log.recovery import recover
+from moflock_mj.log.schemas import Packet
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.recover import recover
-from moflock_mj.replay_text import print_logged_flight, print_recovery
-from moflock_mj.scenario import Scenario
-from moflock_mj.verify import resume, verify
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulated_vehicles import ardupilot, px4
 from tests.moflock_mj.deploy.rehearsal import rehearse
 
 SMALL = Scenario(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from moflock_mj.deploy.member import Member
+from moflock_mj.deployment.member import Member
+from moflock_mj.ground_station.piloting import Task
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.geodesy import Origin
-from moflock_mj.mavlink.piloting import Task
-from moflock_mj.mavlink.px4 import HOLD, LAND, OFFBOARD, POSITION, TAKEOFF
-from moflock_mj.mavlink.remote import RemoteVehicle
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.simulated_vehicles.px4 import HOLD, LAND, OFFBOARD, POSITION, TAKEOFF
 
 
 class Px4:

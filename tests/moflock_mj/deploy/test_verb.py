@@ -13,17 +13,18 @@ from pathlib import Path
 import pytest
 
 from moflock_mj import load_point
-from moflock_mj.deploy.permission import candidates, require_permission
-from moflock_mj.deploy.readiness import parse_origin, require_simulated
-from moflock_mj.deploy.watchdogs import Action, Watchdog, Watchdogs
+from moflock_mj.deployment.clearance import candidates, require_permission
+from moflock_mj.deployment.prelaunch import require_simulated
+from moflock_mj.deployment.watchdogs import Action, Watchdog, Watchdogs
 from moflock_mj.errors import CheckFailedError, DeploymentError, LinkError, MoflockError, ReportError
+from moflock_mj.ground_station.origin import parse_origin
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet import Fleet, FleetPlan
-from moflock_mj.mavlink.remote import RemoteVehicle
 from moflock_mj.mavlink.signing import KEY_VARIABLE
-from moflock_mj.preflight.grades import Grade, Item
-from moflock_mj.preflight.live import checked_vehicle
+from moflock_mj.preflight.inspection import checked_vehicle
 from moflock_mj.preflight.report import Report, write_report
+from moflock_mj.preflight.results import Grade, Item
+from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
 from tests.moflock_mj.deploy.rehearsal import SCENARIO, rehearse
 
 MOFLOCK = Path(sys.executable).parent / "moflock"
@@ -172,7 +173,7 @@ def test_what_must_not_take_off_is_refused(more, error, words):
 
 
 def test_a_rehearsal_with_who_may_be_real_is_refused(monkeypatch):
-    monkeypatch.setattr("moflock_mj.mavlink.telemetry.SIMULATED", (0,) * 8)
+    monkeypatch.setattr("moflock_mj.simulated_vehicles.telemetry.SIMULATED", (0,) * 8)
     with pytest.raises(MoflockError, match="does not say that it is simulated: it needs a report"):
         rehearse(SCENARIO.replace(drones=1))
 

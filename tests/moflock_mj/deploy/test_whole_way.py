@@ -8,11 +8,11 @@ import json
 import pytest
 
 from moflock_mj import Scenario, load_point
-from moflock_mj.deploy.deployment import DeployPlan, Wishes, deploy
-from moflock_mj.deploy.member import Stage
-from moflock_mj.deploy.permission import require_permission
+from moflock_mj.deployment.clearance import require_permission
+from moflock_mj.deployment.deployment import DeployPlan, Wishes, deploy
+from moflock_mj.deployment.member import Stage
 from moflock_mj.errors import CheckFailedError
-from moflock_mj.preflight.live import LivePlan, inspect
+from moflock_mj.preflight.inspection import LivePlan, inspect
 from moflock_mj.preflight.report import Report
 from tests.moflock_mj.mavlink import simulated_time
 from tests.moflock_mj.mavlink.ground_station import fleet_of

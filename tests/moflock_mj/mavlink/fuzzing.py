@@ -10,9 +10,9 @@ import time
 import tracemalloc
 
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet import AUTOPILOTS, Fleet, FleetPlan
-from moflock_mj.mavlink.link import Endpoint
+from moflock_mj.mavlink.endpoint import Endpoint
 from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.simulated_vehicles.fleet import AUTOPILOTS, Fleet, FleetPlan
 from tests.moflock_mj.mavlink.ground_station import GroundStation
 
 _ATTACKER = ("10.0.0.1", 666)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from moflock_mj.mavlink.dialect import GROUND_COMPONENT, GROUND_SYSTEM, mavlink
-from moflock_mj.mavlink.fleet import TICK, Fleet, FleetPlan
-from moflock_mj.mavlink.link import Endpoint
-from moflock_mj.scenario import Scenario
+from moflock_mj.mavlink.endpoint import Endpoint
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulated_vehicles.fleet import TICK, Fleet, FleetPlan
 
 CALM = Scenario(sigma_outer=0.0, sigma_inner=0.0)
 VELOCITY = 0xDC7

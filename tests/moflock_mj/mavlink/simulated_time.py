@@ -8,10 +8,10 @@ import selectors
 
 import pytest
 
-from moflock_mj.mavlink.connections import Connection
-from moflock_mj.mavlink.fleet import TICK
-from moflock_mj.mavlink.ground import Ground
-from moflock_mj.mavlink.link import Endpoint
+from moflock_mj.ground_station.station import Ground
+from moflock_mj.mavlink.addresses import Connection
+from moflock_mj.mavlink.endpoint import Endpoint
+from moflock_mj.simulated_vehicles.fleet import TICK
 
 
 class _Jump(selectors.SelectSelector):

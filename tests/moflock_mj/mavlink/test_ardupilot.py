@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from moflock_mj.mavlink.ardupilot import BRAKE, GUIDED, LAND, LOITER, RTL, STABILIZE
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.vehicle import Phase
+from moflock_mj.simulated_vehicles.ardupilot import BRAKE, GUIDED, LAND, LOITER, RTL, STABILIZE
+from moflock_mj.simulated_vehicles.vehicle import Phase
 from tests.moflock_mj.mavlink.ground_station import GroundStation, fleet_of, velocity
 
 ACCEPTED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from moflock_mj.errors import FleetError
-from moflock_mj.mavlink.ardupilot import LOITER
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet_faults import ALL, Fault, check_faults, load_faults
+from moflock_mj.simulated_vehicles.ardupilot import LOITER
+from moflock_mj.simulated_vehicles.vehicle_faults import ALL, Fault, check_faults, load_faults
 from tests.moflock_mj.mavlink.ground_station import GroundStation, fleet_of
 
 

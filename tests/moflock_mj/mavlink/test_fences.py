@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from moflock_mj.mavlink.ardupilot import LAND
 from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.fence import Circle, Polygon, breaches
-from moflock_mj.mavlink.missions import ITEMS_MAX
+from moflock_mj.simulated_vehicles.ardupilot import LAND
+from moflock_mj.simulated_vehicles.fence_protocol import ITEMS_MAX
 from tests.moflock_mj.mavlink.ground_station import GroundStation, fleet_of, velocity
 
 FENCE = mavlink.MAV_MISSION_TYPE_FENCE

@@ -16,9 +16,9 @@ import pytest
 
 from moflock_mj.errors import LinkError
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet import Fleet, FleetPlan
-from moflock_mj.mavlink.link import Endpoint
+from moflock_mj.mavlink.endpoint import Endpoint
 from moflock_mj.mavlink.signing import KEY_VARIABLE, SigningKey
+from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
 from tests.moflock_mj.mavlink.ground_station import CALM, GroundStation, fleet_of
 
 MOFLOCK = Path(sys.executable).parent / "moflock"

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from moflock_mj.mavlink.geodesy import (
+from moflock_mj.mavlink.frames import (
     Origin,
     euler_of_quaternion,
     frd_of_flu,

@@ -8,16 +8,16 @@ import math
 import pytest
 
 from moflock_mj.errors import LinkError, OrderError
-from moflock_mj.mavlink import orders, piloting
-from moflock_mj.mavlink.connections import Connection, parse_vehicles
+from moflock_mj.ground_station import commands, piloting
+from moflock_mj.ground_station.commands import FenceItem
+from moflock_mj.ground_station.piloting import Task
+from moflock_mj.ground_station.station import Ground, vehicles_at
+from moflock_mj.mavlink.addresses import Connection, parse_vehicles
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet import Fleet, FleetPlan
-from moflock_mj.mavlink.fleet_faults import Fault
-from moflock_mj.mavlink.ground import Ground, vehicles_at
-from moflock_mj.mavlink.link import Endpoint
-from moflock_mj.mavlink.orders import FenceItem
-from moflock_mj.mavlink.piloting import Task
+from moflock_mj.mavlink.endpoint import Endpoint
 from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
+from moflock_mj.simulated_vehicles.vehicle_faults import Fault
 from tests.moflock_mj.mavlink import simulated_time
 from tests.moflock_mj.mavlink.ground_station import CALM, fleet_of
 from tests.moflock_mj.mavlink.simulated_time import Wires, connections_to, flying
@@ -76,7 +76,7 @@ def test_vehicles_tell_where_they_are(autopilot):
     async def story(_, vehicles):
         assert [vehicle.system for vehicle in vehicles] == [1, 2, 3]
         vehicle = vehicles[2]
-        assert await orders.set_rates(vehicle, {mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20}) == []
+        assert await commands.set_rates(vehicle, {mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20}) == []
         await asyncio.sleep(3.0)
         x, y, z = vehicle.position(fleet.plan.origin)
         body = fleet.stations[2].vehicle.body.position
@@ -154,7 +154,7 @@ def test_vehicles_that_speak_first_share_a_link():
             vehicles_at([Connection("udpin", "127.0.0.1", 14550)], count=3) as (ground, vehicles),
         ):
             assert [vehicle.where for vehicle in vehicles] == [f"127.0.0.1:{14600 + i}" for i in range(3)]
-            assert await orders.read_parameter(vehicles[1], "SYSID_THISMAV") == orders.Parameter(4, 2.0)
+            assert await commands.read_parameter(vehicles[1], "SYSID_THISMAV") == commands.Parameter(4, 2.0)
             return ground.counts()
 
     with Wires().used():
@@ -168,13 +168,13 @@ def test_parameters_are_set_and_read_back(autopilot):
 
     async def story(_, vehicles):
         (vehicle,) = vehicles
-        assert (await orders.set_parameter(vehicle, whole, 3)).value == 3
-        assert (await orders.set_parameter(vehicle, real, 7.3)).value == 7.3
-        assert await orders.read_parameter(vehicle, "NO_SUCH_THING", tries=1) is None
+        assert (await commands.set_parameter(vehicle, whole, 3)).value == 3
+        assert (await commands.set_parameter(vehicle, real, 7.3)).value == 7.3
+        assert await commands.read_parameter(vehicle, "NO_SUCH_THING", tries=1) is None
         with pytest.raises(OrderError, match="NO_SUCH_THING: no answer"):
-            await orders.set_parameter(vehicle, "NO_SUCH_THING", 1)
+            await commands.set_parameter(vehicle, "NO_SUCH_THING", 1)
         with pytest.raises(OrderError, match=r"0.5 was set, but it keeps"):
-            await orders.set_parameter(vehicle, whole, 0.5)
+            await commands.set_parameter(vehicle, whole, 0.5)
 
     rehearse(fleet, story)
     parameters = fleet.stations[0].vehicle.parameters
@@ -191,8 +191,8 @@ def test_a_fence_goes_up_and_comes_down_by_a_bad_link_too(fault):
     ]
 
     async def story(_, vehicles):
-        await orders.upload_fence(vehicles[0], fence)
-        assert await orders.download_fence(vehicles[0]) == fence
+        await commands.upload_fence(vehicles[0], fence)
+        assert await commands.download_fence(vehicles[0]) == fence
 
     rehearse(fleet, story)
     assert len(fleet.stations[0].vehicle.shapes) == 2
@@ -201,16 +201,16 @@ def test_a_fence_goes_up_and_comes_down_by_a_bad_link_too(fault):
 def test_a_fence_that_is_none_is_refused():
     async def story(_, vehicles):
         with pytest.raises(OrderError, match="fence: refused"):
-            await orders.upload_fence(vehicles[0], [FenceItem(16, 0, 47.0, 8.0)])
+            await commands.upload_fence(vehicles[0], [FenceItem(16, 0, 47.0, 8.0)])
 
     rehearse(fleet_of("px4"), story)
 
 
 def test_messages_are_asked_for():
     async def story(_, vehicles):
-        version = await orders.request_message(vehicles[0], mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        version = await commands.request_message(vehicles[0], mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-        await orders.request_message(vehicles[0], mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+        await commands.request_message(vehicles[0], mavlink.MAVLINK_MSG_ID_HOME_POSITION)
         latitude, longitude, altitude = vehicles[0].home()
         assert (latitude, longitude) == pytest.approx((47.397742, 8.545594), abs=1e-5)
         assert altitude == pytest.approx(488, abs=1)
@@ -230,7 +230,7 @@ def test_a_vehicle_flies_by_what_its_heartbeat_says(autopilot, loss):
 
     async def story(_, vehicles):
         (vehicle,) = vehicles
-        await orders.set_rates(vehicle, {mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20,
+        await commands.set_rates(vehicle, {mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20,
                                          mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5})  # fmt: skip
         await asyncio.sleep(1.0)
         await piloting.take_off(vehicle, 8.0)

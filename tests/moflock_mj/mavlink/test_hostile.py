@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet import AUTOPILOTS, Fleet, FleetPlan
-from moflock_mj.mavlink.link import Endpoint
+from moflock_mj.mavlink.endpoint import Endpoint
 from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.simulated_vehicles.fleet import AUTOPILOTS, Fleet, FleetPlan
 from tests.moflock_mj.mavlink.fuzzing import Fuzzer, changeable_state, corpus
 from tests.moflock_mj.mavlink.ground_station import GroundStation, fleet_of
 

@@ -9,7 +9,7 @@ import pytest
 
 from moflock_mj.errors import LinkError
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.link import PEERS_MAX, Endpoint
+from moflock_mj.mavlink.endpoint import PEERS_MAX, Endpoint
 from moflock_mj.mavlink.signing import KEY_VARIABLE, SigningClock, SigningKey, find_key
 
 KEY = SigningKey(bytes(range(32)))

@@ -8,8 +8,8 @@ import struct
 import pytest
 
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.px4 import HOLD, LAND, OFFBOARD, RETURN, TAKEOFF
-from moflock_mj.mavlink.vehicle import Phase
+from moflock_mj.simulated_vehicles.px4 import HOLD, LAND, OFFBOARD, RETURN, TAKEOFF
+from moflock_mj.simulated_vehicles.vehicle import Phase
 from tests.moflock_mj.mavlink.ground_station import GroundStation, fleet_of, velocity
 
 ACCEPTED, REJECTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED

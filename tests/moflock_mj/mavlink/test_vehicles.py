@@ -7,13 +7,13 @@ import struct
 
 import pytest
 
-from moflock_mj.mavlink.ardupilot import GUIDED, RTL
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.fleet import AUTOPILOTS, TICK
-from moflock_mj.mavlink.fleet_faults import Fault
-from moflock_mj.mavlink.geodesy import ned_of_world
-from moflock_mj.mavlink.px4 import OFFBOARD, RETURN
-from moflock_mj.mavlink.vehicle import Phase
+from moflock_mj.mavlink.frames import ned_of_world
+from moflock_mj.simulated_vehicles.ardupilot import GUIDED, RTL
+from moflock_mj.simulated_vehicles.fleet import AUTOPILOTS, TICK
+from moflock_mj.simulated_vehicles.px4 import OFFBOARD, RETURN
+from moflock_mj.simulated_vehicles.vehicle import Phase
+from moflock_mj.simulated_vehicles.vehicle_faults import Fault
 from tests.moflock_mj.mavlink.ground_station import CALM, GroundStation, fleet_of, velocity
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from moflock_mj.preflight.grades import Grade, judged
+from moflock_mj.preflight.results import Grade, judged
 
 
 @pytest.mark.parametrize(

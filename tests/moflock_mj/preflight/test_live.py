@@ -9,12 +9,13 @@ import pytest
 
 from moflock_mj import Scenario
 from moflock_mj.errors import LinkError, OrderError
-from moflock_mj.mavlink.fleet_faults import Fault
-from moflock_mj.mavlink.parameters import REAL32, Parameter, ParameterTable
-from moflock_mj.mavlink.px4 import HOLD, OFFBOARD
+from moflock_mj.mavlink.parameters import REAL32, Parameter
 from moflock_mj.mavlink.signing import SigningKey
-from moflock_mj.preflight.grades import Grade
-from moflock_mj.preflight.live import LivePlan, inspect
+from moflock_mj.preflight.inspection import LivePlan, inspect
+from moflock_mj.preflight.results import Grade
+from moflock_mj.simulated_vehicles.parameter_table import ParameterTable
+from moflock_mj.simulated_vehicles.px4 import HOLD, OFFBOARD
+from moflock_mj.simulated_vehicles.vehicle_faults import Fault
 from tests.moflock_mj.mavlink import simulated_time
 from tests.moflock_mj.mavlink.ground_station import fleet_of
 from tests.moflock_mj.mavlink.simulated_time import Wires, connections_to, flying

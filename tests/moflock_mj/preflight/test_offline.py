@@ -8,13 +8,13 @@ import math
 import pytest
 
 from moflock_mj import Scenario, fly, paper_point
-from moflock_mj.air import Wind
-from moflock_mj.faults import Fault
-from moflock_mj.points import load_point, point_names
-from moflock_mj.preflight.grades import Grade
-from moflock_mj.preflight.offline import offline_items
-from moflock_mj.preflight.trials import fly_trials, trial_items
-from moflock_mj.verdict import VerdictLimits
+from moflock_mj.parameters.points import load_point, point_names
+from moflock_mj.preflight.parameter_checks import offline_items
+from moflock_mj.preflight.results import Grade
+from moflock_mj.preflight.simulation_checks import fly_trials, trial_items
+from moflock_mj.scenario.acceptance import VerdictLimits
+from moflock_mj.scenario.effect_configs import Wind
+from moflock_mj.scenario.faults import Fault
 
 KNEE = load_point("knee")
 

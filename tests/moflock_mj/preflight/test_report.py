@@ -12,7 +12,6 @@ from moflock_mj import Scenario, paper_point
 from moflock_mj.errors import CheckFailedError, MoflockError, ReportError
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight import report as report_module
-from moflock_mj.preflight.grades import Grade, Item
 from moflock_mj.preflight.report import (
     CheckedVehicle,
     Report,
@@ -22,6 +21,7 @@ from moflock_mj.preflight.report import (
     reports_in,
     write_report,
 )
+from moflock_mj.preflight.results import Grade, Item
 
 KEY, OTHER_KEY = SigningKey(bytes(range(32))), SigningKey(bytes(32))
 NOW = datetime.datetime(2026, 5, 4, 12, 0, tzinfo=datetime.UTC)

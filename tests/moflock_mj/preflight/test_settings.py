@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from moflock_mj import Scenario
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.fence import Circle, Polygon
-from moflock_mj.mavlink.remote import RemoteVehicle
-from moflock_mj.preflight.grades import Grade
-from moflock_mj.preflight.settings import Settings, settings_items
-from moflock_mj.preflight.wanted import Needs, wanted_parameters
+from moflock_mj.preflight.required_parameters import Needs, wanted_parameters
+from moflock_mj.preflight.results import Grade
+from moflock_mj.preflight.vehicle_settings import Settings, settings_items
 
 SCENARIO = Scenario(arena_side=200.0)
 NEEDS = Needs(speed=6.0, acceleration=6.0, radius=173.0, top=45.0, return_altitude=26.0)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from moflock_mj import Scenario
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.geodesy import Origin
-from moflock_mj.mavlink.remote import RemoteVehicle
-from moflock_mj.preflight.grades import Grade
-from moflock_mj.preflight.vehicle_items import battery_item, link_items, readiness
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.preflight.results import Grade
+from moflock_mj.preflight.vehicle_checks import battery_item, link_items, readiness
 from tests.moflock_mj.mavlink.ground_station import fleet_of
 
 SCENARIO = Scenario(arena_side=200.0)

@@ -1,0 +1,1 @@
+"""From a desired velocity to four rotor thrusts, and the design of the gains."""

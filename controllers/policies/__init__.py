@@ -1,0 +1,1 @@
+"""Desired velocity of each drone from what it observes: one file per published policy, one registry."""

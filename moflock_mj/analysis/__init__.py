@@ -1,0 +1,1 @@
+"""Questions answered by flying: step response, identification, target tracking, verification."""

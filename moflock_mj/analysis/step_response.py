@@ -1,0 +1,87 @@
+"""Drones alone, each told its own velocities: how a plant answers steps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.compiling import Off, entry_kernel
+from moflock_mj.dynamics.interface import Noise, advance
+from moflock_mj.dynamics.point_mass import make_point_masses
+from moflock_mj.dynamics.rigid_body import RigidBodyFlock
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.world.state import World
+
+_SPACING = 100.0
+"""m between drones, so that none meets another."""
+
+
+class StepResponse(NamedTuple):
+    """Velocities told and flown, one row per integration step.
+
+    Attributes:
+        t: (T,), s; a row's command is in force from its time on.
+        commanded: (T, 2, N), m/s, world.
+        velocity: (T, 2, N), m/s, world, at that time.
+    """
+
+    t: NDArray[np.float64]
+    commanded: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+
+
+def respond_to_steps(
+    scenario: Scenario, legs: NDArray[np.float64], seconds: float, dynamics: str = "rigid_body"
+) -> StepResponse:
+    """Fly one drone for each of N sequences of commands, from rest, without noise of any kind.
+
+    Args:
+        scenario: its airframe, its controllers' settings and its altitude are taken, a battery or drag of its, and
+            for point masses their response.
+        legs: (K, 2, N), m/s, world, horizontal velocities commanded one after the other.
+        seconds: that each is held.
+        dynamics: "rigid_body" or "point_mass", both with the step of rigid bodies.
+
+    Raises:
+        MoflockError: the airframe is unknown, or too weak for the scenario.
+    """
+    count, _, drones = legs.shape
+    calm = scenario.replace(drones=drones, sigma_outer=0.0, wind=None, imu=None, downwash=None, faults=())
+    step = calm.step_for("rigid_body")
+    steps = round(seconds / step)
+    world = World.at_rest(drones)
+    world.position[1] = _SPACING * np.arange(drones)
+    world.position[2] = calm.altitude
+    velocity = np.empty((count * steps, 2, drones))
+    commanded = np.repeat(np.asarray(legs, np.float64), steps, axis=0)
+    # The flock owns the memory of MuJoCo's that its plant sees, and must outlive the flight.
+    flock = RigidBodyFlock(calm, step, 1, world, Off(), Off()) if dynamics == "rigid_body" else None
+    plant = flock.plant if flock else make_point_masses(calm, step, world, Off())
+    _respond(plant, world, commanded, _silence(drones), velocity)
+    return StepResponse(step * np.arange(count * steps), commanded, velocity)
+
+
+@entry_kernel
+def _respond(
+    plant: NamedTuple,
+    world: World,
+    commanded: NDArray[np.float64],
+    noise: Noise,
+    velocity: NDArray[np.float64],
+) -> None:
+    for k in range(commanded.shape[0]):
+        for i in range(commanded.shape[2]):
+            velocity[k, 0, i] = world.velocity[0, i]
+            velocity[k, 1, i] = world.velocity[1, i]
+        advance(plant, world, commanded[k], noise.outer[0], noise, 1)
+
+
+def _silence(drones: int) -> Noise:
+    return Noise(
+        outer=np.zeros((1, 2, drones)),
+        gust=np.zeros((0, 5, drones)),
+        inertial=np.zeros((1, 6, drones), np.float32),
+        walk=np.zeros((0, 6, drones)),
+    )

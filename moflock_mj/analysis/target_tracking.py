@@ -1,0 +1,171 @@
+"""Target tracking: how fast, and how near, a flock loiters around a target.
+
+Source: Bansal, Sethi, Anicho and Nagar, section Results, the order parameter of the target and its sine.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeWarning, curve_fit
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.errors import FlightError, ScenarioError
+from moflock_mj.flight import fly_on
+from moflock_mj.metrics.samples import Samples
+from moflock_mj.parameters.points import with_target
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulation.results import Flight, Progress
+from moflock_mj.simulation.simulation import Flock
+
+TRANSIENT = 100.0
+"""s, the beginning of a flight in which the flock is still on its way to the target."""
+
+_FEWEST = 8
+"""Samples after the transient; a sine has four unknowns."""
+
+
+class Sine(NamedTuple):
+    """amplitude sin(omega t + phase) + offset.
+
+    Attributes:
+        amplitude: m, at least 0.
+        omega: rad/s, at least 0.
+        phase: rad.
+        offset: m.
+    """
+
+    amplitude: float
+    omega: float
+    phase: float
+    offset: float
+
+    def at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Its values, m, at times in s."""
+        return np.asarray(self.amplitude * np.sin(self.omega * t + self.phase) + self.offset)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class TargetResult:
+    """A flock's flight around a target.
+
+    Attributes:
+        target: (x, y), m, world.
+        flight: what was flown, with its samples.
+        t: (T,), s.
+        distance: (T,), m, d_target: from the target to the mean position of all drones.
+        sine: fitted to the distance after the transient.
+        residual: m, root mean square of what the sine leaves.
+    """
+
+    target: tuple[float, float]
+    flight: Flight
+    t: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    sine: Sine
+    residual: float
+
+    @property
+    def F_target(self) -> float:
+        """The sine's omega / amplitude, rad/(s m): larger is a flock that turns faster and nearer."""
+        return self.sine.omega / self.sine.amplitude if self.sine.amplitude > 0 else math.inf
+
+
+def track_target(
+    params: FlockingParams,
+    *,
+    target: tuple[float, float] = (0.0, 0.0),
+    scenario: Scenario | None = None,
+    dynamics: str = "point_mass",
+    seed: int = 1,
+    transient: float = TRANSIENT,
+    log: str | Path | None = None,
+    progress: Progress | None = None,
+) -> TargetResult:
+    """Fly a flock around a target and fit a sine to its distance.
+
+    Args:
+        params: the flocking policy's 12 parameters.
+        target: (x, y), m, world.
+        scenario: what is flown; the paper's if absent.
+        dynamics: "point_mass" or "rigid_body".
+        seed: of all random numbers.
+        transient: s, the beginning that the fit leaves out.
+        log: an MCAP file to be written, or None.
+        progress: told how far the flight is.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown, or the flight is too short for a fit.
+    """
+    scenario = scenario or Scenario()
+    if scenario.duration < transient + _FEWEST * scenario.sample_period:
+        raise ScenarioError(
+            f"duration: {scenario.duration:g} s is too short: it must be over the {transient:g} s of transient"
+        )
+    flock = Flock(with_target(params, target, scenario.arena_side), scenario, dynamics, seed)
+    flight = fly_on(flock, log=log, progress=progress)
+    samples = cast("Samples", flight.samples)
+    distance = target_distance(samples.position, target)
+    steady = samples.t >= transient
+    sine = fit_sine(samples.t[steady], distance[steady])
+    left = distance[steady] - sine.at(samples.t[steady])
+    return TargetResult(
+        target=(float(target[0]), float(target[1])),
+        flight=flight,
+        t=samples.t,
+        distance=distance,
+        sine=sine,
+        residual=float(np.sqrt(np.mean(left**2))),
+    )
+
+
+def target_distance(position: NDArray[np.float64], target: tuple[float, float]) -> NDArray[np.float64]:
+    """Horizontal distance from the target to the flock's centre of mass: (T,), m, of positions (T, N, 3), m."""
+    middle = position[..., :2].mean(axis=1)
+    return np.asarray(np.linalg.norm(middle - np.asarray(target), axis=1))
+
+
+def fit_sine(t: NDArray[np.float64], y: NDArray[np.float64]) -> Sine:
+    """Fit a sine by least squares, from the guess that the largest bin of the Fourier transform gives.
+
+    Args:
+        t: (T,), s, evenly spaced.
+        y: (T,), m.
+
+    Raises:
+        FlightError: the fit does not converge.
+    """
+    spectrum = np.abs(np.fft.rfft(y - y.mean()))
+    frequency = np.fft.rfftfreq(len(t), t[1] - t[0])[1 + np.argmax(spectrum[1:])]
+    guess = Sine(math.sqrt(2) * float(np.std(y)), 2 * math.pi * float(frequency), 0.0, float(np.mean(y)))
+    if guess.amplitude == 0:
+        return guess
+    # From the paper's phase of 0 alone, the fit may end in a local minimum.
+    fits = [_least_squares(t, y, guess._replace(phase=quarter * math.pi / 2)) for quarter in range(4)]
+    found = [fit for fit in fits if fit is not None]
+    if not found:
+        raise FlightError("target: no sine fits the distance")
+    return min(found, key=lambda fit: float(np.sum((y - fit.at(t)) ** 2)))
+
+
+def _least_squares(t: NDArray[np.float64], y: NDArray[np.float64], guess: Sine) -> Sine | None:
+    """The sine that fits best near a guess, with positive amplitude and frequency; None if the fit diverges."""
+
+    def sine(t: NDArray[np.float64], a: float, omega: float, phase: float, offset: float) -> NDArray[np.float64]:
+        return np.asarray(a * np.sin(omega * t + phase) + offset)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", OptimizeWarning)  # tells that no covariance was found; none is asked for
+            (a, omega, phase, offset), _ = curve_fit(sine, t, y, p0=guess, maxfev=2000)
+    except RuntimeError:
+        return None
+    phase = phase if omega >= 0 else math.pi - phase
+    phase = phase if a >= 0 else phase + math.pi
+    return Sine(abs(float(a)), abs(float(omega)), float(phase % (2 * math.pi)), float(offset))

@@ -1,0 +1,264 @@
+"""What a fleet looks like in a terminal: its endpoints, a status line, the end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import json
+import math
+import socket
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from moflock_mj.cli.options import (
+    Autopilot,
+    KeyFile,
+    given_scenario,
+    refuse_options,
+)
+from moflock_mj.errors import FleetError
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+    from moflock_mj.mavlink.endpoint import Address
+    from moflock_mj.mavlink.signing import SigningKey
+    from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan, FleetState
+
+commands = typer.Typer()
+
+
+_FLEET_EXAMPLE = """Example: moflock fleet --vehicles 3 --autopilot px4 --fault drone=1,at=60,kind=gps_loss,for=10
+
+Vehicle i listens on UDP port base-port + i and answers whoever speaks to it. MAVSDK: udpout://127.0.0.1:14600 for the
+first vehicle. MAVProxy: mavproxy.py --master udpout:127.0.0.1:14600. With --to 127.0.0.1:14540 all vehicles speak
+first, and a client waits for them: MAVSDK udpin://127.0.0.1:14540, MAVProxy --master udpin:127.0.0.1:14540.
+
+Faults are drone (from 0, or all), kind, at (s), for (s) and value; kinds: silent, gps_loss, low_battery (value: share
+of charge), link_loss (share of packets), delay (s), duplicate_id (system id), motor_failure (rotor 0 to 3), pilot.
+
+With --physics-for, the bodies are flown by real autopilots instead: programs that --autopilot-command starts, or that
+you start. They are waited for at 127.0.0.1, ArduPilot's instance i at UDP port 9002 + 10 i, PX4's at TCP port 4560 + i:
+
+  moflock fleet --physics-for ardupilot --vehicles 3 --autopilot-command "arducopter --model JSON:127.0.0.1
+  -I{instance} --sysid {sysid} --home {home} --speedup {speed} --defaults {here}/copter.parm"
+
+  moflock fleet --physics-for px4 --autopilot-command "env PX4_SYS_AUTOSTART=10016 px4 -i {instance} -d /px4/etc"
+
+Links are signed if --key-file or the environment variable MOFLOCK_SIGNING_KEY gives a key: 64 hexadecimal digits, or a
+pass phrase."""
+
+
+@commands.command("fleet", epilog=_FLEET_EXAMPLE)
+def fleet_command(
+    context: typer.Context,
+    vehicles: Annotated[int | None, typer.Option(help="Number; by default the scenario's drones, or 1.")] = None,
+    autopilot: Annotated[Autopilot, typer.Option(help="How they behave.")] = Autopilot.ARDUPILOT,
+    base_port: Annotated[int, typer.Option(help="UDP port of the first vehicle; 0: any that are free.")] = 14600,
+    bind: Annotated[str, typer.Option(help="Address of this machine at which they listen.")] = "127.0.0.1",
+    to: Annotated[str | None, typer.Option(help="HOST:PORT to which they send unasked.")] = None,
+    speed: Annotated[float, typer.Option(help="Simulated over real time.")] = 1.0,
+    spacing: Annotated[float, typer.Option(help="Between neighbours on the ground, m.")] = 12.0,
+    boot: Annotated[float, typer.Option(help="Simulated seconds until a position can be used.")] = 8.0,
+    scenario: Annotated[Path | None, typer.Option(help="TOML file: airframe, response, noise.")] = None,
+    airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
+    fault: Annotated[list[str] | None, typer.Option(help="A fault; may be given several times.")] = None,
+    faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[fault]] each.")] = None,
+    key_file: KeyFile = None,
+    physics_for: Annotated[Autopilot | None, typer.Option(help="Be the physics of real autopilots.")] = None,
+    autopilot_command: Annotated[
+        str | None,
+        typer.Option(help="Starts one of them: {instance}, {sysid}, {port}, {home}, {speed}, {here} are filled in."),
+    ] = None,
+    autopilot_folder: Annotated[
+        Path | None, typer.Option(help="Of their working directories and output; by default a new one in logs/.")
+    ] = None,
+    physics_port: Annotated[int | None, typer.Option(help="Of the first; by default the autopilot's own.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated seconds; by default until Ctrl-C.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print a JSON object at the start and one at the end.")
+    ] = False,
+) -> int:
+    """Simulated vehicles that speak MAVLink, in real time: a rehearsal for those who command real ones."""
+    from moflock_mj.mavlink.signing import find_key
+    from moflock_mj.simulated_vehicles.fleet import FleetPlan
+    from moflock_mj.simulated_vehicles.vehicle_faults import Fault, load_faults
+
+    flown = given_scenario(scenario, airframe=airframe)
+    number = vehicles if vehicles is not None else flown.drones if scenario else 1
+    if physics_for is not None:
+        refuse_options(context, _NOT_OF_REAL_AUTOPILOTS, "--physics-for")
+        from moflock_mj.cli.sitl import run_physics
+        from moflock_mj.sitl.lockstep import PhysicsPlan
+
+        physics = PhysicsPlan(
+            autopilot=physics_for.value,
+            vehicles=number,
+            port=physics_port,
+            speed=speed,
+            spacing=spacing,
+            scenario=flown,
+            seed=seed,
+        )
+        return run_physics(physics, autopilot_command, autopilot_folder, duration, as_json=as_json)
+    refuse_options(context, ("autopilot_command", "autopilot_folder", "physics_port"), "a fleet without --physics-for")
+    plan = FleetPlan(
+        vehicles=number,
+        autopilot=autopilot.value,
+        base_port=base_port,
+        bind=bind,
+        to=address(to) if to else None,
+        speed=speed,
+        spacing=spacing,
+        boot=boot,
+        scenario=flown,
+        faults=[*(load_faults(faults) if faults else ()), *map(Fault.from_text, fault or ())],
+        seed=seed,
+    )
+    return run_fleet(plan, find_key(key_file), duration, as_json=as_json)
+
+
+_REFRESH = 0.5
+"""s, between two status lines."""
+
+
+def address(text: str) -> Address:
+    """Numeric host and port of a text such as 127.0.0.1:14540.
+
+    Raises:
+        FleetError: it is no such text, or nobody knows the host.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise FleetError(f"to: {text!r} must be HOST:PORT with a port from 1 to 65535")
+    try:
+        return socket.gethostbyname(host), int(port)
+    except (OSError, UnicodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "no name of a host"
+        raise FleetError(f"to: {host}: {reason}") from None
+
+
+def run_fleet(plan: FleetPlan, key: SigningKey | None, duration: float | None, *, as_json: bool) -> int:
+    """Fly a fleet until its time is over, or Ctrl-C; returns the exit status.
+
+    Raises:
+        MoflockError: it cannot be set up.
+    """
+    from rich.console import Console
+
+    from moflock_mj.simulated_vehicles.fleet import Fleet
+
+    seconds = math.inf if duration is None else duration
+    if not seconds > 0:
+        raise FleetError(f"duration: {seconds:g} s is out of bounds: it must be above 0")
+    console = Console(stderr=True)
+    preparing = console.status("preparing (a first fleet compiles for some 20 s)")
+    with preparing if console.is_terminal else contextlib.nullcontext():
+        fleet = Fleet(plan, key)
+    began = time.perf_counter()
+    asyncio.run(_run(fleet, seconds, signed=key is not None, as_json=as_json))
+    state, wall = fleet.state(), time.perf_counter() - began
+    if as_json:
+        end = dataclasses.asdict(state) | {"real_time_factor": state.time / wall / plan.speed, "wall_seconds": wall}
+        print(json.dumps(end), flush=True)
+    else:
+        console = Console()
+        console.print(
+            f"{state.time:.1f} s simulated in {wall:.1f} s; {state.received} packets received, "
+            f"{state.dropped} dropped, {state.lost} lost on the way, {state.sent} sent",
+            highlight=False,
+            soft_wrap=True,
+        )
+    return 0
+
+
+async def _run(fleet: Fleet, seconds: float, *, signed: bool, as_json: bool) -> None:
+    from moflock_mj.cli.console import stop_on_interrupt
+
+    await fleet.open()
+    try:
+        with stop_on_interrupt() as interrupted:
+            if as_json:
+                print(json.dumps(_endpoints(fleet, signed)), flush=True)
+            else:
+                _print_endpoints(fleet, signed)
+            async with _status_line(fleet):
+                await fleet.run(seconds, interrupted)
+    finally:
+        fleet.close()
+
+
+@contextlib.asynccontextmanager
+async def _status_line(fleet: Fleet) -> AsyncIterator[None]:
+    """A line on stderr that follows the fleet, if that is a terminal."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+
+    async def follow(live: Live) -> None:
+        while True:
+            live.update(_status_text(fleet.state(), len(fleet.stations)), refresh=True)
+            await asyncio.sleep(_REFRESH)
+
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        task = asyncio.create_task(follow(live))
+        try:
+            yield
+        finally:
+            task.cancel()
+
+
+def _status_text(state: FleetState, vehicles: int) -> str:
+    modes = ", ".join(f"{number} {name}" for name, number in sorted(state.modes.items()))
+    return (
+        f"{state.time:7.1f} s  {state.armed} of {vehicles} armed, {state.flying} flying  {modes}  "
+        f"{state.real_time_factor:.2f} of the asked speed  {state.received} in, {state.dropped} dropped"
+    )
+
+
+def _endpoints(fleet: Fleet, signed: bool) -> dict[str, object]:
+    return {
+        "autopilot": fleet.plan.autopilot,
+        "signed": signed,
+        "vehicles": [
+            {"drone": station.number, "system": station.vehicle.system, "udp": _udp(station.address)}
+            for station in fleet.stations
+        ],
+    }
+
+
+def _udp(bound: Address | None) -> str:
+    return f"{bound[0]}:{bound[1]}" if bound else ""
+
+
+def _print_endpoints(fleet: Fleet, signed: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("drone", "system id", "UDP", "MAVSDK", "MAVProxy")
+    for station in fleet.stations:
+        udp = _udp(station.address)
+        table.add_row(
+            str(station.number), str(station.vehicle.system), udp, f"udpout://{udp}", f"--master udpout:{udp}"
+        )
+    console = Console()
+    console.print(table)
+    plan, links = fleet.plan, "signed" if signed else "not signed"
+    console.print(
+        f"{len(fleet.stations)} {plan.scenario.airframe} as {plan.autopilot}, links {links}; Ctrl-C ends",
+        highlight=False,
+    )
+
+
+_NOT_OF_REAL_AUTOPILOTS = ("autopilot", "base_port", "bind", "to", "boot", "fault", "faults", "key_file")
+"""Options of fleet that are about simulated autopilots."""

@@ -1,0 +1,71 @@
+"""The command `moflock fly`: fly a flock, log it, and score it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from moflock_mj.cli.options import (
+    AsJson,
+    Drones,
+    Dynamics,
+    ScenarioFile,
+    given_scenario,
+)
+
+if TYPE_CHECKING:
+    from moflock_mj.simulation.results import Follower
+    from moflock_mj.simulation.simulation import Flock
+
+commands = typer.Typer()
+
+
+@commands.command("fly", epilog="Example: moflock fly --point A --drones 20 --duration 120 --log logs/a.mcap")
+def fly_command(
+    point: Annotated[
+        str, typer.Option(help="knee, fast, cohesive, steady, A, B, model_optimum, or a .json file of parameters.")
+    ] = "steady",
+    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
+    scenario: ScenarioFile = None,
+    drones: Drones = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated seconds.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    step: Annotated[float | None, typer.Option(help="Integration step, s.")] = None,
+    airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
+    log: Annotated[str | None, typer.Option(help="MCAP file, or none; by default a new file in logs/.")] = None,
+    live: Annotated[bool, typer.Option("--live", help="Show it to Foxglove or Lichtblick on this machine.")] = False,
+    port: Annotated[int, typer.Option(help="Of --live.", min=0, max=65535)] = 8765,
+    live_speed: Annotated[float, typer.Option(help="Of --live: simulated over real time.")] = 1.0,
+    as_json: AsJson = False,
+) -> int:
+    """Fly a flock, log it, and judge it."""
+    from moflock_mj.cli import console
+    from moflock_mj.cli.options import INTERRUPTED
+    from moflock_mj.flight import fly
+    from moflock_mj.parameters.points import load_point
+
+    flown = given_scenario(scenario, drones=drones, duration=duration, step=step, airframe=airframe)
+    path = console.log_path(log, point, dynamics, seed)
+    with console.flight_progress(flown.duration) as progress, console.stop_on_interrupt() as interrupted:
+        flight = fly(
+            load_point(point),
+            scenario=flown,
+            dynamics=dynamics.value,
+            seed=seed,
+            log=path,
+            keep_samples=False,
+            progress=progress,
+            stop=interrupted,
+            followers=[_live_view(port, live_speed)] if live else [],
+        )
+    console.print_flight(flight, as_json=as_json)
+    return 0 if flight.complete else INTERRUPTED
+
+
+def _live_view(port: int, speed: float) -> Callable[[Flock], Follower]:
+    """What makes the live view of a flock."""
+    from moflock_mj.visualization.live_server import LiveServer
+
+    return lambda flock: LiveServer(flock, port=port, speed=speed)

@@ -1,0 +1,407 @@
+"""A deployment as the list of stages that it is: connect, check, take off, flock, finish."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import enum
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.deployment.controller import Controller
+from moflock_mj.deployment.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
+from moflock_mj.deployment.prelaunch import check_start, prepare, require_simulated
+from moflock_mj.deployment.recorder import Figures, Record
+from moflock_mj.deployment.return_paths import is_clear
+from moflock_mj.deployment.steering import compile_policy
+from moflock_mj.deployment.watchdogs import Watchdogs
+from moflock_mj.errors import DeploymentError, OrderError
+from moflock_mj.ground_station import piloting
+from moflock_mj.ground_station.origin import find_origin
+from moflock_mj.ground_station.piloting import Task
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
+from moflock_mj.ground_station.station import Ground, vehicles_at
+from moflock_mj.mavlink.addresses import Connection
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.mavlink.signing import SigningKey
+from moflock_mj.metrics.events import FlightEvent
+from moflock_mj.scenario.scenario import Scenario
+
+_POLL = 0.05
+_CLIMB_SLOWEST = 0.4
+"""m/s, slower than which no vehicle climbs."""
+_SETTLING = 30.0
+"""s, for the rest of a take-off."""
+_DOWN_PATIENCE = 240.0
+"""s, until all are down at the end."""
+_RETURN_PATIENCE = 60.0
+"""s without anybody on the way home, after which those who cannot go land where they are."""
+_CLEARANCE = 1.3
+"""Of the separation's limit: what ways home keep from each other."""
+
+
+class Finish(enum.StrEnum):
+    """How a deployment ends."""
+
+    HOLD = "hold"
+    RETURN = "return"
+    LAND = "land"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DeployPlan:
+    """What is deployed.
+
+    Attributes:
+        params: the policy's parameters.
+        scenario: what is flown; its drones are as many as there are vehicles.
+        connections: where the vehicles are.
+        count: how many they are; None: one on each link.
+        autopilot: what all must be, "ardupilot" or "px4"; None: either.
+        finish: how it ends.
+        origin: latitude and longitude of the arena's middle, degrees; None: the mean of the vehicles' homes.
+        dogs: watchdogs over each vehicle.
+        rehearse: whether only simulated vehicles take part, which need no report.
+        interval: s, between two take-offs.
+        timeout: s, to wait for the vehicles.
+        log: where the log goes, or None.
+        metadata: what else the log says of itself.
+    """
+
+    params: FlockingParams
+    scenario: Scenario
+    connections: tuple[Connection, ...]
+    count: int | None = None
+    autopilot: str | None = None
+    finish: Finish = Finish.LAND
+    origin: tuple[float, float] | None = None
+    dogs: Watchdogs = dataclasses.field(default_factory=Watchdogs)
+    rehearse: bool = False
+    interval: float = 1.0
+    timeout: float = 10.0
+    log: Path | None = None
+    metadata: dict[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Deployed:
+    """A deployment that is over.
+
+    Attributes:
+        plan: what it was.
+        origin: of the world.
+        figures: of the flight.
+        stages: how far each vehicle came, by its number.
+        events: what happened.
+        error: why it ended before its time; None if it did not.
+        interrupted: whether somebody wished it to end.
+        counts: packets received, lost, dropped, sent.
+    """
+
+    plan: DeployPlan
+    origin: Origin
+    figures: Figures
+    stages: tuple[Stage, ...]
+    events: tuple[FlightEvent, ...]
+    error: str | None
+    interrupted: bool
+    counts: dict[str, int]
+
+
+class Wishes:
+    """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves.
+
+    Args:
+        give_up: called if nobody is armed yet.
+    """
+
+    def __init__(self, give_up: Callable[[], object] = lambda: None) -> None:
+        self.in_flight = False
+        self._give_up = give_up
+        self._pressed = asyncio.Event()
+
+    def press(self) -> None:
+        if self.in_flight:
+            self._pressed.set()
+        else:
+            self._give_up()
+
+    async def next(self) -> None:
+        """Wait for the next one."""
+        await self._pressed.wait()
+        self._pressed.clear()
+
+
+Check = Callable[[list[RemoteVehicle], Ground], Awaitable[None]]
+"""Raises what keeps these vehicles on the ground."""
+
+
+async def deploy(
+    plan: DeployPlan,
+    key: SigningKey | None,
+    wishes: Wishes,
+    *,
+    check: Check | None = None,
+    say: Callable[[FlightEvent], None] = lambda _: None,
+) -> Deployed:
+    """Deploy a flock.
+
+    Args:
+        plan: what is deployed.
+        key: of the links' signatures, or None.
+        wishes: of somebody at the keyboard.
+        check: of the vehicles, such as that a pre-flight report is theirs.
+        say: told each event.
+
+    Raises:
+        MoflockError: nobody was armed, because of this.
+    """
+    compile_policy(plan.params, plan.scenario)
+    async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
+        plan = dataclasses.replace(plan, scenario=plan.scenario.replace(drones=len(vehicles)))
+        styles = _styles(vehicles, plan.autopilot)
+        await prepare(vehicles)
+        if plan.rehearse:
+            await require_simulated(vehicles)
+        if check is not None:
+            await check(vehicles, ground)
+        origin = find_origin(vehicles, plan.origin)
+        members = [Member(number, vehicle, origin) for number, vehicle in enumerate(vehicles)]
+        for member in members:
+            member.look()
+        check_start(members, plan.scenario, plan.dogs)
+        metadata = plan.metadata | {
+            "autopilots": ", ".join(sorted(styles)),
+            "origin": f"{origin.latitude:.7f},{origin.longitude:.7f},{origin.altitude:.2f}",
+            "vehicles": ", ".join(f"{vehicle.system}@{vehicle.where}" for vehicle in vehicles),
+        }
+        clock = asyncio.get_running_loop().time
+        with Record(plan.log, plan.params, plan.scenario, members, clock, metadata, say) as record:
+            flock = Controller(plan.params, plan.scenario, members, ground, plan.dogs, record)
+            ground.check_ids()
+            flight = _Flight(plan, flock, record, members)
+            wishes.in_flight = True
+            with ground.observed_by(record.packet):
+                await flight.fly(wishes)
+            figures = record.figures(flock)
+            record.finish(figures, flight.error)
+        return Deployed(
+            plan=plan,
+            origin=origin,
+            figures=figures,
+            stages=tuple(member.stage for member in members),
+            events=tuple(record.events),
+            error=flight.error,
+            interrupted=flight.interrupted,
+            counts=vars(ground.counts()),
+        )
+
+
+def _styles(vehicles: list[RemoteVehicle], wanted: str | None) -> set[str]:
+    """The autopilots' names.
+
+    Raises:
+        MoflockError: one is not what it must be.
+    """
+    styles = {vehicle: piloting.style_of(vehicle).name for vehicle in vehicles}
+    for vehicle, style in styles.items():
+        if wanted not in (None, style):
+            raise DeploymentError(f"{vehicle}: autopilot is {style}; it must be {wanted}")
+    return set(styles.values())
+
+
+class _Flight:
+    """The stages from arming to the end."""
+
+    def __init__(self, plan: DeployPlan, flock: Controller, record: Record, members: list[Member]) -> None:
+        self.error: str | None = None
+        self.interrupted = False
+        self._plan = plan
+        self._flock = flock
+        self._record = record
+        self._members = members
+
+    async def fly(self, wishes: Wishes) -> None:
+        """Fly the stages while the controller runs, and do what somebody wishes meanwhile."""
+        control = asyncio.create_task(self._flock.run())
+        job = asyncio.create_task(self._stages_or_land())
+        answers = [self._hold_on, self._come_down]
+        try:
+            while not await _done_before(job, control, wishes):
+                self.interrupted = True
+                await _cancelled(job)
+                if not answers:
+                    return
+                job = asyncio.create_task(answers.pop(0)())
+            await job
+        finally:
+            await _cancelled(job)
+            await _cancelled(control)
+
+    async def _stages_or_land(self) -> None:
+        try:
+            await self._stages()
+        except OrderError as problem:
+            self._record.event("error", str(problem))
+            await self._come_down()
+            self.error = str(problem)
+
+    async def _stages(self) -> None:
+        await self._take_off()
+        await self._reach_height()
+        await self._fly_policy()
+        await self._end()
+
+    async def _take_off(self) -> None:
+        """Arm and take off one after the other, `interval` apart."""
+        self._record.event("info", f"{len(self._members)} vehicles take off to {self._plan.scenario.altitude:g} m")
+        climbing = []
+        try:
+            for member in self._members:
+                climbing.append(asyncio.create_task(self._lift(member)))
+                await asyncio.sleep(self._plan.interval)
+                for task in climbing:
+                    if task.done():
+                        task.result()
+            await asyncio.gather(*climbing)
+        finally:
+            for task in climbing:
+                await _cancelled(task)
+
+    async def _lift(self, member: Member) -> None:
+        member.stage = Stage.ARMING
+        await piloting.take_off(member.vehicle, self._plan.scenario.altitude)
+        if member.stage is Stage.ARMING:
+            member.climb()
+
+    async def _reach_height(self) -> None:
+        """Wait until all that are still ours are at their height and obey setpoints."""
+        patience = self._plan.scenario.altitude / _CLIMB_SLOWEST + _SETTLING
+
+        def ready() -> bool:
+            ours = self._ours()
+            return all(member.stage is Stage.READY and member.task is Task.OBEY and member.obeys for member in ours)
+
+        if not await _until(ready, patience):
+            slow = next(member for member in self._ours() if member.stage is not Stage.READY or not member.obeys)
+            raise OrderError(
+                f"{slow.vehicle}: at {slow.height:.1f} m in {slow.vehicle.mode_name} after {patience:.0f} s; it must "
+                f"be at {self._plan.scenario.altitude:g} m and obey setpoints"
+            )
+
+    async def _fly_policy(self) -> None:
+        """Let the policy fly for the scenario's duration, or as long as anybody is left."""
+        self._record.event("info", f"{len(self._ours())} vehicles flock")
+        self._flock.flocking = True
+        try:
+            enough = self._plan.scenario.duration - 1e-9
+            await _until(lambda: not self._ours() or self._record.flocked >= enough, None)
+        finally:
+            self._flock.flocking = False
+        if not self._ours():
+            self.error = "nobody is left in the flock"
+
+    async def _end(self) -> None:
+        """Hold, return or land."""
+        if self._plan.finish is Finish.LAND:
+            await self._come_down()
+        elif self._plan.finish is Finish.RETURN:
+            await self._return()
+        else:
+            self._record.event("info", "all hold")
+            self._flock.leave_all(Task.HOLD)
+            await _until(lambda: all(member.obeys for member in self._left()), _SETTLING)
+
+    async def _hold_on(self) -> None:
+        """All hold until somebody says more."""
+        self._record.event("warning", "all hold; once more: all land")
+        self._flock.leave_all(Task.HOLD)
+        await _until(lambda: not self._left(), None)
+
+    async def _come_down(self) -> None:
+        """All land where they are."""
+        self._record.event("info", "all land")
+        self._flock.leave_all(Task.LAND)
+        await self._all_down()
+
+    async def _return(self) -> None:
+        """All return, each as soon as its way home is clear of all others."""
+        self._record.event("info", "all return")
+        self._flock.leave_all(Task.HOLD)
+        loop = asyncio.get_running_loop()
+        moved = loop.time()
+        while waiting := [member for member in self._left() if member.task is Task.HOLD]:
+            for member in waiting:
+                if member.obeys and self._may_return(member):
+                    self._flock.leave(member, Task.RETURN, loop.time())
+            if any(member.task is Task.RETURN for member in self._left()):
+                moved = loop.time()
+            if loop.time() - moved > _RETURN_PATIENCE:
+                self._record.event("warning", f"{len(waiting)} vehicles have no clear way home: they land")
+                self._flock.leave_all(Task.LAND)
+            await asyncio.sleep(4 * _POLL)
+        await self._all_down()
+
+    def _may_return(self, member: Member) -> bool:
+        others = [
+            _way(other, homeward=other.task is Task.RETURN)
+            for other in self._members
+            if other is not member and other.stage in IN_THE_AIR
+        ]
+        return is_clear(_way(member, homeward=True), others, _CLEARANCE * self._plan.dogs.separation.limit)
+
+    async def _all_down(self) -> None:
+        if not await _until(lambda: not self._left() or self._unheard(), _DOWN_PATIENCE):
+            self.error = f"{len(self._left())} vehicles are not down after {_DOWN_PATIENCE:.0f} s"
+        elif self._unheard():
+            self.error = f"{len(self._left())} vehicles are not heard any more"
+
+    def _ours(self) -> list[Member]:
+        return [member for member in self._members if member.stage in IN_OUR_HANDS]
+
+    def _left(self) -> list[Member]:
+        """Who flies by an order of ours."""
+        return [member for member in self._members if member.stage in (*IN_OUR_HANDS, Stage.LEFT)]
+
+    def _unheard(self) -> bool:
+        """Whether nobody who still flies by our orders has been heard for long."""
+        now, left = asyncio.get_running_loop().time(), self._left()
+        return bool(left) and all(now - member.vehicle.heard > _SETTLING for member in left)
+
+
+def _way(member: Member, *, homeward: bool) -> tuple[tuple[float, float], tuple[float, float]]:
+    here = member.position[:2]
+    return here, (member.home if homeward else here)
+
+
+async def _done_before(job: asyncio.Task[None], control: asyncio.Task[None], wishes: Wishes) -> bool:
+    """Whether a job is over before somebody wishes something; a controller that fails ends all."""
+    wish = asyncio.create_task(wishes.next())
+    try:
+        await asyncio.wait({job, control, wish}, return_when=asyncio.FIRST_COMPLETED)
+        if control.done():
+            control.result()
+        return job.done()
+    finally:
+        await _cancelled(wish)
+
+
+async def _until(condition: Callable[[], bool], patience: float | None) -> bool:
+    """Wait for a condition; returns whether it came true within `patience`, s."""
+    loop = asyncio.get_running_loop()
+    deadline = None if patience is None else loop.time() + patience
+    while not condition():
+        if deadline is not None and loop.time() >= deadline:
+            return False
+        await asyncio.sleep(_POLL)
+    return True
+
+
+async def _cancelled(task: asyncio.Task[Any]) -> None:
+    """End a task; what it has to say of that is of no interest."""
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError, OrderError):
+        await task

@@ -1,0 +1,127 @@
+"""Before anybody is armed: what vehicles are asked for, where the world is, and what must not take off."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Sequence
+
+from moflock_mj.deployment.member import Member
+from moflock_mj.deployment.watchdogs import Watchdogs
+from moflock_mj.errors import DeploymentError
+from moflock_mj.ground_station.commands import request_message, set_rates
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
+from moflock_mj.mavlink.dialect import SIMULATED, mavlink
+from moflock_mj.scenario.scenario import Scenario
+
+RATES = {
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 25.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 10.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 0.0,
+}
+"""Hz. A position each 40 ms: what a setpoint goes by is never older than that and the link's delay. The last two only
+repeat others, in a frame of the vehicle's own; PX4 sends them unasked.
+"""
+
+
+_PX4_SIMULATED = int.from_bytes(b"ONIDLATI", "little")
+"""AUTOPILOT_VERSION.uid of a PX4 built for simulation, cut out of SIMULATIONID0000, at system id 1; others follow."""
+
+
+_NEEDED = (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,)
+"""Messages without whose rate nobody flies."""
+
+
+_FIX_PATIENCE = 5.0
+"""s, for a first position."""
+
+
+_POLL = 0.1
+
+
+_AWAY_MAX = 10_000.0
+"""m, from the origin to a vehicle; farther away it is a mistake in the origin."""
+
+
+async def prepare(vehicles: Sequence[RemoteVehicle]) -> None:
+    """Ask all vehicles for what a deployment needs to know.
+
+    Raises:
+        DeploymentError: one does not tell.
+    """
+    await asyncio.gather(*(_prepare(vehicle) for vehicle in vehicles))
+
+
+async def _prepare(vehicle: RemoteVehicle) -> None:
+    refused = await set_rates(vehicle, RATES)
+    if set(refused) & set(_NEEDED):
+        raise DeploymentError(f"{vehicle}: does not send GLOBAL_POSITION_INT when asked to")
+    for number in (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_HOME_POSITION):
+        await request_message(vehicle, number)
+    deadline = asyncio.get_running_loop().time() + _FIX_PATIENCE
+    while vehicle.fix is None or vehicle.home() is None:
+        if asyncio.get_running_loop().time() > deadline:
+            what = "where it is" if vehicle.fix is None else "where its home is"
+            raise DeploymentError(f"{vehicle}: does not know {what}; wait for its GPS")
+        await asyncio.sleep(_POLL)
+
+
+async def require_simulated(vehicles: Sequence[RemoteVehicle]) -> None:
+    """Refuse anybody who may be real: a rehearsal skips the pre-flight report.
+
+    A simulated vehicle is on this machine, and says what it is: the AUTOPILOT_VERSION of our fleet and of PX4's
+    simulation has a mark, and ArduPilot sends SIMSTATE only from its simulator.
+
+    Raises:
+        DeploymentError: one may be real.
+    """
+    for vehicle in vehicles:
+        if not vehicle.is_local:
+            raise DeploymentError(f"rehearse: {vehicle} is not on this machine: it needs a pre-flight report")
+    for vehicle, simulated in zip(vehicles, await asyncio.gather(*map(_is_simulated, vehicles)), strict=True):
+        if not simulated:
+            raise DeploymentError(f"rehearse: {vehicle} does not say that it is simulated: it needs a report")
+
+
+async def _is_simulated(vehicle: RemoteVehicle) -> bool:
+    version = vehicle.message("AUTOPILOT_VERSION")
+    if version is not None and (
+        tuple(version.middleware_custom_version) == SIMULATED or version.uid == _PX4_SIMULATED + vehicle.system - 1
+    ):
+        return True
+    ardupilot = vehicle.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    return ardupilot and await request_message(vehicle, mavlink.MAVLINK_MSG_ID_SIMSTATE, tries=2) is not None
+
+
+def check_start(members: Sequence[Member], scenario: Scenario, dogs: Watchdogs) -> None:
+    """Refuse what must not take off, whatever a report says.
+
+    Raises:
+        DeploymentError: the first thing that is wrong.
+    """
+    half = scenario.arena_side / 2
+    for member in members:
+        vehicle, (x, y, _) = member.vehicle, member.position
+        if vehicle.armed or vehicle.landed is False:
+            raise DeploymentError(f"{vehicle}: is armed or flies already; it must stand disarmed")
+        if max(abs(x), abs(y)) > half:
+            where = f"{x:.0f}, {y:.0f} m" if max(abs(x), abs(y)) < _AWAY_MAX else "far away"
+            raise DeploymentError(
+                f"{vehicle}: stands outside of the arena ({where} from its middle; half of its side is {half:g} m)"
+            )
+        if vehicle.battery is not None and vehicle.battery < dogs.battery.limit:
+            share = f"{100 * vehicle.battery:.0f} %"
+            raise DeploymentError(f"{vehicle}: battery at {share}; it must be over {100 * dogs.battery.limit:.0f} %")
+    for place, member in enumerate(members):
+        for other in members[:place]:
+            apart = math.dist(member.position[:2], other.position[:2])
+            if apart < dogs.separation.limit:
+                raise DeploymentError(
+                    f"vehicles {other.system} and {member.system} stand {apart:.1f} m apart; it must be at least "
+                    f"{dogs.separation.limit:g} m"
+                )

@@ -1,0 +1,235 @@
+"""The log of a deployed flight: samples, events and every packet, in the layout of simulated flights.
+
+Its time counts from before the take-off; order parameters count while the flock is in the policy's hands.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.deployment.controller import Controller
+from moflock_mj.deployment.member import Member
+from moflock_mj.deployment.setpoint_timing import LatencyFigures
+from moflock_mj.deployment.steering import judge
+from moflock_mj.dynamics.airframe_models import load_airframe
+from moflock_mj.ground_station.station import Traffic
+from moflock_mj.log.encoder import LinkPacket, LogHeader, SampleBlock
+from moflock_mj.log.flight_logger import SEVERITY, circumstances, flight_attachments
+from moflock_mj.log.writer import FlightLog
+from moflock_mj.mavlink.frames import frd_of_flu, quaternion_of_euler
+from moflock_mj.metrics.events import FlightEvent
+from moflock_mj.metrics.fitness import Fitness, fitness_of
+from moflock_mj.metrics.order_parameters import OrderParameters, Tally, Yardstick, cluster_range
+from moflock_mj.scenario.scenario import DEPLOYED, Scenario
+from moflock_mj.world.square import SquareArena
+from moflock_mj.world.state import World
+
+_BLOCK = 10
+"""Samples that go to the log at once."""
+
+
+class Figures(NamedTuple):
+    """Figures of a deployed flight.
+
+    Attributes:
+        flocked: s, in which the policy flew.
+        order_parameters: over that time.
+        fitness: of them.
+        separation_min: m, smallest distance between two vehicles in that time.
+        outside_max: m, farthest that one was outside of the arena in that time; 0 if none was.
+        latency: of setpoints; None before the first two.
+    """
+
+    flocked: float
+    order_parameters: OrderParameters
+    fitness: Fitness
+    separation_min: float
+    outside_max: float
+    latency: LatencyFigures | None
+
+
+class Record:
+    """Takes down a deployed flight; a context manager that finishes the log.
+
+    Args:
+        path: of the log, or None.
+        params: the policy's parameters.
+        scenario: what is flown.
+        members: the vehicles.
+        clock: tells the time, s.
+        metadata: what else the log says of itself.
+        say: told each event.
+
+    Attributes:
+        flocked: s, in which the policy has flown.
+
+    Raises:
+        LogError: the log cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        params: FlockingParams,
+        scenario: Scenario,
+        members: Sequence[Member],
+        clock: Callable[[], float],
+        metadata: Mapping[str, str],
+        say: Callable[[FlightEvent], None],
+    ) -> None:
+        self.path = path
+        self.events: list[FlightEvent] = []
+        self._scenario = scenario
+        self._members = members
+        self._clock = clock
+        self._say = say
+        self._arena = SquareArena(scenario.arena_side)
+        self._yardstick = Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll)
+        drones = len(members)
+        self._world = World.at_rest(drones)
+        self._tally = Tally.empty(drones, self._arena.walls)
+        self._running = np.zeros(6)
+        self._flocking_since: float | None = None
+        self.flocked = 0.0
+        self._over = False
+        self._slot = -1
+        self._rows: list[tuple[NDArray[Any], ...]] = []
+        self._nearest, self._outside = math.inf, 0.0
+        self._log = None if path is None else _open(path, params, scenario, metadata)
+        self._began = clock()
+
+    @property
+    def time(self) -> float:
+        """s, since the log began."""
+        return self._clock() - self._began
+
+    def event(self, level: str, text: str, drone: int = -1) -> None:
+        """Take down an event."""
+        severity: Any = level
+        event = FlightEvent(round(self.time * 1e9), severity, text, drone)
+        self.events.append(event)
+        if self._log is not None:
+            self._log.event(event)
+        self._say(event)
+
+    def packet(self, traffic: Traffic) -> None:
+        """Take down a packet of a link."""
+        if self._log is not None:
+            time_ns = max(round((traffic.time - self._began) * 1e9), 0)
+            self._log.packet(LinkPacket(time_ns, traffic.system, traffic.is_sent, traffic.packet))
+
+    def sample(self, flock: Controller) -> None:
+        """Take a sample, if one is due."""
+        now = self.time
+        if flock.flocking and self._flocking_since is None:
+            self._flocking_since = now
+        if self._flocking_since is not None and not self._over:
+            self.flocked = now - self._flocking_since
+            self._over = not flock.flocking
+        slot = math.floor(now / self._scenario.sample_period + 1e-6)
+        if slot <= self._slot:
+            return
+        row = self._look(flock)
+        # A loop that was late leaves no hole.
+        for number in range(self._slot + 1, slot + 1):
+            self._rows.append((np.int64(number * round(self._scenario.sample_period * 1e9)), *row))  # type: ignore[arg-type]
+        self._slot = slot
+        if len(self._rows) >= _BLOCK:
+            self._write()
+
+    def figures(self, flock: Controller) -> Figures:
+        """Of the flight so far."""
+        phi = OrderParameters(*self._running.tolist())
+        return Figures(
+            flocked=self.flocked,
+            order_parameters=phi,
+            fitness=fitness_of(phi, self._scenario),
+            separation_min=self._nearest,
+            outside_max=self._outside,
+            latency=flock.latency.figures(),
+        )
+
+    def finish(self, figures: Figures, error: str | None = None) -> None:
+        """End the log with the flight's figures."""
+        self._write()
+        if self._log is None:
+            return
+        result = {
+            "flown": repr(min(self.flocked, self._scenario.duration)),
+            "order_parameters": json.dumps(figures.order_parameters._asdict()),
+            "fitness": json.dumps(figures.fitness._asdict()),
+            "latency": json.dumps(figures.latency._asdict() if figures.latency else {}),
+        }
+        self._log.finish(result | ({"error": error} if error else {}))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._log is not None:
+            self._write()
+            self._log.finish({"flown": repr(self.flocked), "error": str(error) or "the flight was broken off"})
+
+    def _look(self, flock: Controller) -> tuple[NDArray[Any], ...]:
+        """A row of the log: qpos, qvel, commands, status, order parameters."""
+        drones = len(self._members)
+        qpos, qvel = np.empty((drones, 7)), np.zeros((drones, 6))
+        for member in self._members:
+            i, attitude = member.number, member.vehicle.message("ATTITUDE")
+            self._world.position[:, i], self._world.velocity[:, i] = member.position, member.velocity
+            qpos[i, :3], qvel[i, :3] = member.position, member.velocity
+            qpos[i, 3:] = (1, 0, 0, 0)
+            if attitude is not None:
+                qpos[i, 3:] = quaternion_of_euler(attitude.roll, -attitude.pitch, math.pi / 2 - attitude.yaw)
+                qvel[i, 3:] = frd_of_flu((attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed))
+        counts = flock.flocking and self.flocked >= self._scenario.warm_up
+        nearest = judge(self._world, self._arena, self._yardstick, counts, self._tally, self._running)
+        if counts:
+            self._nearest = min(self._nearest, nearest)
+            beyond = float(np.abs(self._world.position[:2]).max()) - self._scenario.arena_side / 2
+            self._outside = max(self._outside, beyond)
+        return qpos, qvel, flock.desired.T.copy(), SEVERITY[self._tally.status], self._running.copy()
+
+    def _write(self) -> None:
+        """Hand the rows to the log."""
+        rows, self._rows = self._rows, []
+        if self._log is None or not rows:
+            return
+        time_ns, qpos, qvel, desired, status, running = (np.stack(column) for column in zip(*rows, strict=True))
+        fitness = fitness_of(OrderParameters(*running.T), self._scenario)
+        self._log.write(SampleBlock(time_ns, qpos, qvel, desired, status, running, np.stack(fitness, axis=1)))
+
+
+def _open(path: Path, params: FlockingParams, scenario: Scenario, more: Mapping[str, str]) -> FlightLog:
+    step = scenario.step_for("rigid_body")
+    metadata = {
+        "scenario": scenario.to_toml(),
+        "parameters": json.dumps(params._asdict()),
+        "dynamics": DEPLOYED,
+        "seed": "0",
+        "step": repr(step),
+        **circumstances(),
+        **more,
+    }
+    return FlightLog(
+        path,
+        LogHeader(
+            metadata=metadata,
+            attachments=flight_attachments(scenario, params, step, metadata),
+            outline=SquareArena(scenario.arena_side).outline(),
+            altitude=scenario.altitude,
+            drones=scenario.drones,
+            radius=load_airframe(scenario.airframe).radius,
+        ),
+    )

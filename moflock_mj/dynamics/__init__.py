@@ -1,0 +1,1 @@
+"""What moves the drones: point masses, or MuJoCo bodies with rotors."""

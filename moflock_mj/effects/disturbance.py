@@ -1,0 +1,65 @@
+"""Outer noise: white noise on rigid bodies that gives them the velocity increments of RobotSim's point masses.
+
+Wind takes its place.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.airframe import Airframe
+from controllers.compiling import Off, hot_stage, implements
+from moflock_mj.scenario.scenario import Scenario
+
+
+class OuterNoise(NamedTuple):
+    """White noise on the bodies.
+
+    Attributes:
+        force: N, its deviation in one step.
+    """
+
+    force: float
+
+
+def make_outer_noise(scenario: Scenario, airframe: Airframe, step: float) -> OuterNoise | Off:
+    """The outer noise of a scenario, for steps of `step`, s."""
+    if scenario.wind is not None:
+        return Off()
+    return OuterNoise(airframe.mass * sqrt(2 * scenario.sigma_outer / step))
+
+
+@hot_stage
+def draw_force(outer: NamedTuple, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
+    """Force of the outer noise on body i in step k, N, x and y; chosen by the type of `outer`."""
+    raise NotImplementedError
+
+
+@hot_stage
+def outer_force(outer: NamedTuple) -> float:
+    """Deviation of the outer noise's force, N; chosen by the type of `outer`."""
+    raise NotImplementedError
+
+
+@implements(draw_force, Off)
+def _draw_nothing(outer: Off, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:  # noqa: ARG001
+    return 0.0, 0.0
+
+
+@implements(draw_force, OuterNoise)
+def _draw_force(outer: OuterNoise, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
+    return outer.force * noise[k, 0, i], outer.force * noise[k, 1, i]
+
+
+@implements(outer_force, Off)
+def _no_outer_force(outer: Off) -> float:  # noqa: ARG001
+    return 0.0
+
+
+@implements(outer_force, OuterNoise)
+def _outer_force(outer: OuterNoise) -> float:
+    return outer.force

@@ -1,0 +1,40 @@
+"""Whether a vehicle is strong enough for the air that a scenario asks for; said before it flies."""
+
+from __future__ import annotations
+
+from controllers.airframe import Airframe
+from controllers.flight_control.gain_design import largest_push
+from moflock_mj.effects.battery import Cells, make_cells
+from moflock_mj.effects.drag import AirDrag, make_drag, wind_push
+from moflock_mj.errors import ScenarioError
+from moflock_mj.scenario.scenario import Scenario
+
+
+def check_air(scenario: Scenario, airframe: Airframe) -> None:
+    """Refuse a wind that the rotors cannot hold, a flock speed that drag forbids, a battery too empty to hover.
+
+    The vehicle can push against drag with `largest_push`. Gusts come on top, and are not held against it.
+
+    Raises:
+        ScenarioError: one line that names the field, its value and the limit.
+    """
+    battery = make_cells(scenario, airframe)
+    if scenario.battery is not None and isinstance(battery, Cells):
+        lift = float(battery.lift[0])
+        if lift * airframe.thrust_to_weight() <= 1:
+            raise ScenarioError(
+                f"battery.charge: {scenario.battery.charge:g} leaves the airframe {airframe.name} {lift:.0%} of its "
+                f"thrust: to hover it must be over {1 / airframe.thrust_to_weight():.0%}"
+            )
+    drag = make_drag(scenario, airframe)
+    if not isinstance(drag, AirDrag):
+        return
+    most = largest_push(airframe, scenario.tilt_max)
+    speeds = {"v_flock": scenario.v_flock} | ({"wind.speed": scenario.wind.speed} if scenario.wind else {})
+    for field, speed in speeds.items():
+        push = wind_push(drag, speed, airframe.mass)
+        if push > most:
+            raise ScenarioError(
+                f"{field}: {speed:g} m/s pushes the airframe {airframe.name} with {push:.3g} m/s^2: by its rotors and "
+                f"tilt_max it must be at most {most:.3g} m/s^2"
+            )

@@ -1,0 +1,48 @@
+"""Ground effect: rotors give more thrust close above the ground (Cheeseman and Bennett 1955)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from controllers.airframe import Airframe
+from controllers.compiling import Off, hot_stage, implements
+from moflock_mj.scenario.scenario import Scenario
+
+
+class Ground(NamedTuple):
+    """Ground that the rotors feel.
+
+    Attributes:
+        height: m.
+        rotor_radius: m.
+    """
+
+    height: float
+    rotor_radius: float
+
+
+def make_ground(scenario: Scenario, airframe: Airframe) -> Ground | Off:
+    """The ground effect of a scenario."""
+    return Off() if scenario.ground_effect is None else Ground(scenario.ground_effect.height, airframe.rotor_radius)
+
+
+@hot_stage
+def ground_lift(ground: NamedTuple, height: float) -> float:
+    """How many times its thrust far from the ground a rotor has at `height` (m, world); chosen by the type of `ground`.
+
+    1 / (1 - (R / 4z)^2) for a rotor of radius R at z above the ground, held from z = R/2 down, where the formula ends
+    (I. C. Cheeseman, W. E. Bennett: The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC R&M 3021,
+    1955).
+    """
+    raise NotImplementedError
+
+
+@implements(ground_lift, Off)
+def _no_ground(ground: Off, height: float) -> float:  # noqa: ARG001
+    return 1.0
+
+
+@implements(ground_lift, Ground)
+def _lift_over_ground(ground: Ground, height: float) -> float:
+    ratio = ground.rotor_radius / (4 * max(height - ground.height, ground.rotor_radius / 2))
+    return 1 / (1 - ratio * ratio)

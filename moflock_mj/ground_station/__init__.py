@@ -1,0 +1,1 @@
+"""The client side: vehicles as seen from the ground, and what they are asked for."""

@@ -1,0 +1,195 @@
+"""The six order parameters that judge a flight, counted from true states at each sample."""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.compiling import kernel
+from controllers.policies.braking import braking_distance
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.world.state import World
+from moflock_mj.world.walls import locate_walls
+
+OUTSIDE, CLOSE, TOUCHED = 1, 2, 4
+"""Flags of a drone's status: beyond a wall; closer than r_coll to another; touched another drone or the ground."""
+
+
+class OrderParameters(NamedTuple):
+    """Order parameters over a flight, or arrays of them over time.
+
+    Attributes:
+        wall: mean distance beyond the wall of the drones that are beyond it, m; 0 if none is.
+        vel: mean speed, m/s.
+        corr: mean correlation of a drone's velocity with its neighbours', 1.
+        coll: share of the pairs that are closer than r_coll, 1.
+        disc: mean number of drones without a neighbour, 1.
+        cluster: mean of the smallest number of neighbours, 1.
+    """
+
+    wall: float
+    vel: float
+    corr: float
+    coll: float
+    disc: float
+    cluster: float
+
+
+class Yardstick(NamedTuple):
+    """Distances by which a flight is judged, m.
+
+    Attributes:
+        r_cluster: two drones closer than this are neighbours.
+        r_coll: two drones closer than this collide.
+    """
+
+    r_cluster: float
+    r_coll: float
+
+
+class Tally(NamedTuple):
+    """Sums over the samples so far, and room to count in.
+
+    Attributes:
+        sums: (8,), samples; drone-samples outside; and the sums behind OrderParameters in its order.
+        neighbours: (N,), of the latest sample.
+        correlation: (N,), sum over the neighbours of the latest sample.
+        heading: (3, N), unit vectors along the velocities of the latest sample.
+        status: (N,), flags of the latest sample.
+        wall_distance: (W, N), m.
+        wall_normal: (W, 2, N).
+    """
+
+    sums: NDArray[np.float64]
+    neighbours: NDArray[np.int64]
+    correlation: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    wall_distance: NDArray[np.float64]
+    wall_normal: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, drones: int, walls: int) -> Tally:
+        return cls(
+            sums=np.zeros(8),
+            neighbours=np.zeros(drones, np.int64),
+            correlation=np.zeros(drones),
+            heading=np.zeros((3, drones)),
+            status=np.zeros(drones, np.uint8),
+            wall_distance=np.zeros((walls, drones)),
+            wall_normal=np.zeros((walls, 2, drones)),
+        )
+
+
+def cluster_range(params: FlockingParams, v_flock: float) -> float:
+    """r_cluster, m: r0_rep + r0_frict + the braking distance from v_flock."""
+    return float(params.r0_rep + params.r0_frict + braking_distance(v_flock, params.a_frict, params.p_frict))
+
+
+@kernel
+def _count_walls(world: World, arena: NamedTuple, tally: Tally) -> tuple[float, float]:
+    """Drones beyond a wall now, and the sum of how far they are, m."""
+    locate_walls(arena, world.position, tally.wall_distance, tally.wall_normal)
+    outside, distance = 0.0, 0.0
+    for i in range(tally.status.size):
+        depth = -inf
+        for wall in range(tally.wall_distance.shape[0]):
+            depth = max(depth, -tally.wall_distance[wall, i])
+        tally.status[i] = TOUCHED if world.touched[i] else 0
+        if depth > 0:
+            outside += 1
+            distance += depth
+            tally.status[i] |= OUTSIDE
+    return outside, distance
+
+
+@kernel
+def _count_speeds(world: World, tally: Tally) -> float:
+    """Sum of the speeds now, m/s; headings are left in the tally (zero for a drone at rest)."""
+    vx, vy, vz = world.velocity
+    total = 0.0
+    for i in range(vx.size):
+        speed = sqrt(vx[i] * vx[i] + vy[i] * vy[i] + vz[i] * vz[i])
+        scale = 1 / speed if speed > 0 else 0.0
+        tally.heading[0, i], tally.heading[1, i], tally.heading[2, i] = scale * vx[i], scale * vy[i], scale * vz[i]
+        total += speed
+    return total
+
+
+@kernel
+def _count_pairs(world: World, yardstick: Yardstick, tally: Tally) -> tuple[int, float]:
+    """Pairs closer than r_coll, and the square of the smallest distance, m^2; each pair is measured once."""
+    x, y, z = world.position
+    ux, uy, uz = tally.heading
+    neighbours, correlation = tally.neighbours, tally.correlation
+    neighbours[:] = 0
+    correlation[:] = 0
+    cluster_sq, coll_sq = yardstick.r_cluster**2, yardstick.r_coll**2
+    close, nearest_sq = 0, inf
+    for i in range(x.size):
+        for j in range(i + 1, x.size):
+            distance_sq = (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 + (z[j] - z[i]) ** 2
+            if distance_sq < cluster_sq:
+                cosine = ux[i] * ux[j] + uy[i] * uy[j] + uz[i] * uz[j]
+                neighbours[i] += 1
+                neighbours[j] += 1
+                correlation[i] += cosine
+                correlation[j] += cosine
+            nearest_sq = min(nearest_sq, distance_sq)
+            if distance_sq < coll_sq:
+                close += 1
+                tally.status[i] |= CLOSE
+                tally.status[j] |= CLOSE
+    return close, nearest_sq
+
+
+@kernel
+def count_sample(world: World, arena: NamedTuple, yardstick: Yardstick, counts: bool, tally: Tally) -> float:
+    """Judge the true state of one moment.
+
+    Args:
+        world: the true state.
+        arena: where the walls are.
+        yardstick: distances that tell neighbours and collisions.
+        counts: whether the sample enters the order parameters (it does not during the warm-up).
+        tally: counts on.
+
+    Returns:
+        The smallest distance between two drones now, m; infinite for one drone.
+    """
+    drones = tally.status.size
+    outside, depth = _count_walls(world, arena, tally)
+    speed = _count_speeds(world, tally)
+    close, nearest_sq = _count_pairs(world, yardstick, tally)
+    correlation, disconnected, fewest = 0.0, 0, drones
+    for i in range(drones):
+        neighbours = tally.neighbours[i]
+        fewest = min(fewest, neighbours)
+        if neighbours == 0:
+            disconnected += 1
+        else:
+            correlation += tally.correlation[i] / neighbours
+    if counts:
+        sums = tally.sums
+        sums[0] += 1
+        sums[1] += outside
+        sums[2] += depth
+        sums[3] += speed / drones
+        sums[4] += correlation / drones
+        sums[5] += 2 * close / (drones * max(drones - 1, 1))
+        sums[6] += disconnected
+        sums[7] += fewest
+    return sqrt(nearest_sq)
+
+
+@kernel
+def write_running(tally: Tally, out: NDArray[np.float64]) -> None:
+    """Write the order parameters over the samples so far to `out`, (6,); zeros before the first."""
+    sums = tally.sums
+    samples = max(sums[0], 1.0)
+    out[0] = sums[2] / max(sums[1], 1.0)
+    for k in range(1, 6):
+        out[k] = sums[2 + k] / samples

@@ -1,0 +1,105 @@
+"""The samples of a flight: the buffer that the flight loop writes, and the arrays that a flight keeps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moflock_mj.metrics.fitness import Fitness, fitness_of
+from moflock_mj.metrics.order_parameters import OrderParameters
+from moflock_mj.scenario.scenario import Scenario
+
+
+class Samples(NamedTuple):
+    """The flight as it was sampled, T times; true states.
+
+    Attributes:
+        t: (T,), s.
+        position: (T, N, 3), m, world.
+        velocity: (T, N, 3), m/s, world.
+        desired_velocity: (T, N, 2), m/s, world, the command in force.
+        status: (T, N), flags OUTSIDE, CLOSE and TOUCHED of `order_parameters`.
+        nearest: (T,), m, smallest distance between two drones.
+        order_parameters: arrays over (T,), running.
+    """
+
+    t: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    desired_velocity: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    nearest: NDArray[np.float64]
+    order_parameters: OrderParameters
+
+
+def sample_times(scenario: Scenario, first: int, count: int) -> NDArray[np.int64]:
+    """Simulated times of `count` samples from number `first`, ns."""
+    numbers = np.arange(first, first + count)
+    return (numbers * round(scenario.sample_period * 1e9)).astype(np.int64)
+
+
+def final_order_parameters(record: Record) -> OrderParameters:
+    """The order parameters up to a record's last sample."""
+    return OrderParameters(*record.order_parameters[-1].tolist())
+
+
+def final_fitness(record: Record, scenario: Scenario) -> Fitness:
+    """The fitness up to a record's last sample."""
+    return fitness_of(final_order_parameters(record), scenario)
+
+
+def join_samples(records: list[Record], scenario: Scenario, first: int) -> Samples:
+    """The samples of consecutive records, counted from number `first`."""
+    joined = {
+        name: np.concatenate([getattr(record, name) for record in records])
+        for name in ("position", "velocity", "desired", "status", "nearest", "order_parameters")
+    }
+    return Samples(
+        t=np.asarray(sample_times(scenario, first, len(joined["nearest"])) / 1e9, np.float64),
+        position=joined["position"],
+        velocity=joined["velocity"],
+        desired_velocity=joined["desired"].swapaxes(1, 2),
+        status=joined["status"],
+        nearest=joined["nearest"],
+        order_parameters=OrderParameters(*joined["order_parameters"].T),
+    )
+
+
+class Record(NamedTuple):
+    """Room for the samples of one call: K of them, and as many whole states as a log wants (K or 0).
+
+    Attributes:
+        position: (K, N, 3), m, world.
+        velocity: (K, N, 3), m/s, world.
+        desired: (K, 2, N), m/s, world, the command in force.
+        status: (K, N), flags.
+        nearest: (K,), smallest distance between two drones, m.
+        order_parameters: (K, 6), running.
+        qpos: (K or 0, N, 7).
+        qvel: (K or 0, N, 6).
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    desired: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    nearest: NDArray[np.float64]
+    order_parameters: NDArray[np.float64]
+    qpos: NDArray[np.float64]
+    qvel: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, samples: int, states: int, drones: int) -> Record:
+        """Room for `samples` samples and `states` whole states of `drones` drones."""
+        return cls(
+            position=np.empty((samples, drones, 3)),
+            velocity=np.empty((samples, drones, 3)),
+            desired=np.empty((samples, 2, drones)),
+            status=np.empty((samples, drones), np.uint8),
+            nearest=np.empty(samples),
+            order_parameters=np.empty((samples, 6)),
+            qpos=np.zeros((states, drones, 7)),
+            qvel=np.zeros((states, drones, 6)),
+        )

@@ -1,0 +1,1 @@
+"""Named sets of a policy's parameters, their files and their bounds."""

@@ -1,0 +1,167 @@
+"""Parameters that a vehicle must have to fly in a flock: what they must be, and what `--fix` makes them.
+
+Names and values as ArduCopter 4.7 (https://ardupilot.org/copter/docs/parameters.html) and PX4 1.17
+(https://docs.px4.io/main/en/advanced_config/parameter_reference.html) have them. ArduCopter 4.7 has given new names and
+SI units to many of 4.6 (https://ardupilot.org/copter/docs/common-param-name-changes.html): those stand here both ways.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from moflock_mj.mavlink.dialect import GROUND_SYSTEM
+from moflock_mj.preflight.results import Grade
+
+_G = 9.81
+_JERK = 20.0
+"""m/s^3. PX4's own modes begin with the acceleration that the vehicle has, noise included, and let it fade by this much
+a second. Measured from 6 m/s in turns: with its default of 4 up to 16 m/s and 72 m until it stood, with 20 8 m/s and
+11 m."""
+_DRIFT = 10.0
+"""m, by which a fence about the home is set wider than it must be: an autopilot's home moves with its GPS's error."""
+
+
+class Needs(NamedTuple):
+    """What the flight asks of one vehicle.
+
+    Attributes:
+        speed: m/s.
+        acceleration: m/s^2.
+        radius: m, from its home to the farthest corner of the arena, and the fence's margin.
+        top: m, above home, lowest that its fence may end.
+        return_altitude: m, above home, at which it returns; no other vehicle has the same.
+    """
+
+    speed: float
+    acceleration: float
+    radius: float
+    top: float
+    return_altitude: float
+
+
+class Wanted(NamedTuple):
+    """What is wanted of a parameter.
+
+    Attributes:
+        name: of the parameter.
+        holds: whether a value will do.
+        value: what `--fix` sets.
+        limit: in words.
+        why: what happens otherwise.
+        otherwise: grade of another value.
+        missing: grade if the vehicle has no such parameter.
+    """
+
+    name: str
+    holds: Callable[[float], bool]
+    value: float
+    limit: str
+    why: str
+    otherwise: Grade = Grade.FAILURE
+    missing: Grade = Grade.WARNING
+
+
+Spellings = tuple[Wanted, ...]
+"""One parameter in the names and units of several firmwares: it goes by the first that the vehicle knows."""
+
+
+def wanted_parameters(autopilot: str, needs: Needs) -> list[Spellings]:
+    """Of "ardupilot" or "px4", in the order in which they are set: a fence is switched on when it is right."""
+    return {"ardupilot": _of_ardupilot, "px4": _of_px4}[autopilot](needs)
+
+
+def _of_ardupilot(needs: Needs) -> list[Spellings]:
+    tilt = math.ceil(math.degrees(math.atan(needs.acceleration / _G)) + 5)
+    slow, gentle = "it cannot fly as fast as the flock", "it turns more slowly than what was validated"
+    upright, deaf = "it cannot accelerate as what was validated", "its failsafe heeds somebody else"
+    return [
+        (
+            _at_least("WP_SPD", needs.speed, "m/s", slow),
+            _at_least("WPNAV_SPEED", needs.speed * 100, "cm/s", slow),
+        ),
+        (
+            _at_least("WP_ACC", needs.acceleration, "m/s^2", gentle),
+            _at_least("WPNAV_ACCEL", needs.acceleration * 100, "cm/s^2", gentle),
+        ),
+        (
+            _at_least("ATC_ANGLE_MAX", tilt, "deg", upright),
+            _at_least("ANGLE_MAX", tilt * 100, "cdeg", upright),
+        ),
+        (
+            _one_of("MAV_GCS_SYSID", (GROUND_SYSTEM,), "our system id", deaf),
+            _one_of("SYSID_MYGCS", (GROUND_SYSTEM,), "our system id", deaf),
+        ),
+        (_one_of("FS_GCS_ENABLE", (5, 7, 1), "5 land, 7 brake or land, 1 return", "it flies on without us"),),
+        (_between("FS_GCS_TIMEOUT", 2, 10, 5, "s", "it notices too late that we are gone"),),
+        (_between("GUID_TIMEOUT", 0.5, 3, 3, "s", "it flies on for long on its last setpoint"),),
+        (_one_of("BATT_FS_LOW_ACT", (1, 2, 3, 4), "1 land, 2 to 4 return", "it flies until it falls", Grade.WARNING),),
+        (_at_least("FENCE_ALT_MAX", needs.top, "m", "its fence ends below its way"),),
+        (_at_least("FENCE_RADIUS", needs.radius, "m", "its fence ends within the arena", _DRIFT),),
+        (_one_of("FENCE_ACTION", (1, 2, 3, 4, 5), "1 to 5, anything but a report", "it flies through its fence"),),
+        (
+            Wanted(
+                "FENCE_TYPE",
+                lambda value: bool(int(value) & 1 and int(value) & 6),
+                7,
+                "a roof (1) and a circle (2) or polygon (4)",
+                "its fence is open",
+            ),
+        ),
+        (_one_of("FENCE_ENABLE", (1,), "1", "it has no fence", missing=Grade.FAILURE),),
+        (_near("RTL_ALT_M", needs.return_altitude, "m"), _near("RTL_ALT", needs.return_altitude * 100, "cm")),
+    ]
+
+
+def _of_px4(needs: Needs) -> list[Spellings]:
+    tilt = math.degrees(math.atan(needs.acceleration / _G))
+    wanted = [
+        _at_least("MPC_XY_VEL_MAX", needs.speed, "m/s", "it cannot fly as fast as the flock"),
+        # PX4 refuses an MPC_ACC_HOR above MPC_ACC_HOR_MAX.
+        _at_least("MPC_ACC_HOR_MAX", needs.acceleration, "m/s^2", "it turns more slowly than what was validated"),
+        _at_least("MPC_ACC_HOR", needs.acceleration, "m/s^2", "it turns more slowly than what was validated"),
+        _at_least("MPC_JERK_AUTO", _JERK, "m/s^3", "told to hold, it first flies on, faster and far"),
+        _at_least("MPC_TILTMAX_AIR", math.ceil(tilt + 5), "deg", "it cannot accelerate as what was validated"),
+        _one_of("NAV_DLL_ACT", (3, 1, 2), "3 land, 1 hold, 2 return", "it flies on without us"),
+        _between("COM_DL_LOSS_T", 2, 15, 10, "s", "it notices too late that we are gone"),
+        _one_of("COM_OBL_RC_ACT", (5, 4), "5 hold, 4 land", "the flock returns to one place when setpoints stop"),
+        _between("COM_OF_LOSS_T", 0.3, 2, 1, "s", "it flies on for long on its last setpoint"),
+        _one_of("COM_LOW_BAT_ACT", (2, 3), "2 land, 3 return or land", "it flies until it falls", Grade.WARNING),
+        _at_least("GF_MAX_VER_DIST", needs.top, "m", "its fence has no roof, or ends below its way"),
+        _at_least("GF_MAX_HOR_DIST", needs.radius, "m", "it has no fence, or one that ends within the arena", _DRIFT),
+        _one_of(
+            "GF_ACTION", (2, 3, 5), "2 hold, 3 return, 5 land", "it flies through its fence", missing=Grade.FAILURE
+        ),
+        _near("RTL_RETURN_ALT", needs.return_altitude, "m"),
+    ]
+    return [(want,) for want in wanted]
+
+
+RETURN_ALTITUDE: Mapping[str, float] = {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01, "RTL_RETURN_ALT": 1.0}
+"""m in the unit of each name that it has."""
+
+
+def _at_least(name: str, least: float, unit: str, why: str, spare: float = 0.0) -> Wanted:
+    value = float(math.ceil(least + spare))
+    return Wanted(name, lambda held: held >= least - 1e-6, value, f"at least {least:g} {unit}", why)
+
+
+def _between(name: str, low: float, high: float, value: float, unit: str, why: str) -> Wanted:
+    return Wanted(name, lambda held: low <= held <= high, value, f"{low:g} to {high:g} {unit}", why)
+
+
+def _one_of(
+    name: str,
+    good: tuple[int, ...],
+    limit: str,
+    why: str,
+    otherwise: Grade = Grade.FAILURE,
+    missing: Grade = Grade.WARNING,
+) -> Wanted:
+    return Wanted(name, lambda value: value in good, good[0], limit, why, otherwise, missing)
+
+
+def _near(name: str, value: float, unit: str) -> Wanted:
+    """A return altitude; whether all differ is a matter of the flock, and this is what makes them differ."""
+    return Wanted(name, lambda _: True, value, f"{value:g} {unit} would stagger the flock", "")

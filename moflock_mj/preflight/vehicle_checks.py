@@ -1,0 +1,305 @@
+"""What one vehicle says of itself, graded: link, arming checks, sensors, GPS, estimator, home, battery, state.
+
+Thresholds are those that ArduPilot, PX4 and their ground stations use; see the arguments' units.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
+from moflock_mj.mavlink.dialect import Message, mavlink
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.preflight.results import Grade, Item, judged
+from moflock_mj.scenario.scenario import Scenario
+
+SILENT = 5.0
+"""s without a heartbeat, after which a link counts as lost."""
+_STALE = 4.0
+"""s, oldest message that is taken for the present."""
+_SATELLITES = 6
+_HDOP = 1.4
+_H_ACC = {"ardupilot": 5.0, "px4": 3.0}
+_VEL_ACC = {"ardupilot": 1.0, "px4": 0.5}
+_VARIANCE = 0.8
+_ACCURACY = 5.0
+_AWAY = 10.0
+"""m, from the home to where the vehicle stands."""
+_LOSS = 0.05
+"""Share of packets that a link may lose, if the scenario was not validated with more."""
+_RESERVE = 0.2
+"""Share of the battery that is left at the end."""
+_UNKNOWN_NEED = 0.5
+"""Share of the battery that a vehicle of unknown capacity must have."""
+
+_PREARM = int(mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+_NOT_SENSORS = _PREARM | int(mavlink.MAV_SYS_STATUS_GEOFENCE) | int(mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
+_GLITCH, _CONSTANT_POSITION = 0x400, 0x80
+_POSITIONED = 0x1 | 0x2 | 0x10
+"""Attitude, horizontal velocity, absolute horizontal position; the two messages agree in these flags."""
+_BY_GPS = 0x200
+"""Absolute horizontal position is predicted, as PX4 says while its estimator takes the GPS's."""
+
+
+def about(vehicle: RemoteVehicle) -> str:
+    return f"vehicle {vehicle.system}"
+
+
+def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, scenario: Scenario) -> list[Item]:
+    """Everything that a vehicle tells unasked or at the rates that it was asked for.
+
+    What is not there yet, and may come, is RUNNING.
+
+    Args:
+        vehicle: as heard.
+        autopilot: "ardupilot" or "px4".
+        origin: of the world; None while no home is known.
+        scenario: to be flown.
+    """
+    return [
+        _link(vehicle),
+        _standing(vehicle),
+        _prearm(vehicle, autopilot),
+        _sensors(vehicle),
+        *_gps(vehicle, autopilot),
+        *_estimator(vehicle, autopilot),
+        *_home(vehicle, origin, scenario),
+    ]
+
+
+def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float) -> list[Item]:
+    """How good its link is, after some seconds.
+
+    Args:
+        vehicle: as heard.
+        scenario: with the delay, the loss and the rate that the point was validated for.
+        position_rate: Hz, of GLOBAL_POSITION_INT as it came.
+    """
+    trip, who = vehicle.link.round_trip, about(vehicle)
+    loss_max = max(scenario.packet_loss_ratio, _LOSS)
+    return [
+        judged(
+            "link's round trip", who, good=trip <= scenario.t_del or (trip < 0.05), value=1e3 * trip, unit="ms",
+            limit=f"at most t_del, {1e3 * scenario.t_del:g} ms", advice="a better radio, or a point for longer delays",
+        ),
+        judged(
+            "link's loss", who, good=vehicle.link.loss <= loss_max, value=100 * vehicle.link.loss, unit="%",
+            limit=f"at most {100 * loss_max:g} %", advice="a better radio, antennas apart, or fewer messages",
+        ),
+        judged(
+            "rate of positions", who, good=position_rate >= 0.9 / scenario.t_gps, value=position_rate, unit="Hz",
+            limit=f"at least {1 / scenario.t_gps:g} Hz, one each t_gps",
+            advice="let the radio carry more: SERIALn_BAUD, MAV_0_RATE",
+        ),
+    ]  # fmt: skip
+
+
+def battery_item(vehicle: RemoteVehicle, capacity: float | None, energy: float | None, *, low: float = 0.0) -> Item:
+    """Whether the battery is enough for the flight and a reserve.
+
+    Args:
+        vehicle: as heard.
+        capacity: mAh, of the full battery, as its parameters tell; None or 0: unknown.
+        energy: J, that one drone took in the flights that were flown; None if none were.
+        low: share of the charge at which its own failsafe acts.
+    """
+    status = vehicle.message("SYS_STATUS")
+    volts = status.voltage_battery / 1e3 if status is not None and 0 < status.voltage_battery < 65535 else None
+    known = capacity and volts and energy
+    reserve = max(_RESERVE, low)
+    need = energy / (capacity * 3.6 * volts) + reserve if known else max(_UNKNOWN_NEED, low)  # type: ignore[operator]
+    basis = f"{100 * (need - reserve):.0f} % for the flight" if known else "half, of an unknown capacity"
+    share = vehicle.battery
+    if share is None:
+        return Item(
+            name="battery", about=about(vehicle), grade=Grade.WARNING, limit="told",
+            advice="it does not tell its charge: set up BATT_MONITOR or BAT1_SOURCE",
+        )  # fmt: skip
+    return judged(
+        "battery", about(vehicle), good=share >= need, value=100 * share, unit="%",
+        limit=f"at least {100 * need:.0f} %: {basis} and {100 * reserve:.0f} % left", advice="charge or change it",
+    )  # fmt: skip
+
+
+def _link(vehicle: RemoteVehicle) -> Item:
+    age = vehicle.age("HEARTBEAT")
+    return judged(
+        "link alive", about(vehicle), good=age <= SILENT, value=age, unit="s", limit=f"a heartbeat within {SILENT:g} s",
+        advice="look at its radio and power",
+    )  # fmt: skip
+
+
+def _standing(vehicle: RemoteVehicle) -> Item:
+    landed = vehicle.landed
+    state = f"{'armed' if vehicle.armed else 'disarmed'}, {_LANDED[landed]}, {vehicle.mode_name}"
+    if landed is None and not vehicle.armed:
+        return _running("disarmed, on the ground", vehicle, state, "disarmed and on the ground", "it must say so")
+    return judged(
+        "disarmed, on the ground", about(vehicle), good=not vehicle.armed and landed is True, value=state,
+        limit="disarmed and on the ground", advice="land and disarm it",
+    )  # fmt: skip
+
+
+_REASON = re.compile("arm|preflight", re.IGNORECASE)
+"""In a status text that tells why a vehicle would not arm: ArduPilot's PreArm:, PX4's Preflight Fail:."""
+_LANDED = {True: "on the ground", False: "in the air", None: "does not say whether landed"}
+
+
+def _prearm(vehicle: RemoteVehicle, autopilot: str) -> Item:
+    """ArduCopter's bit was measured healthy 18 s before its position could be used: the estimator counts besides.
+
+    PX4 tells of these checks by the healthy bit alone, and never that they are present.
+    """
+    name, limit = "arming checks", "the autopilot would arm"
+    status = _present(vehicle, "SYS_STATUS")
+    if status is None:
+        return _running(name, vehicle, None, limit, "SYS_STATUS does not come")
+    if autopilot == "ardupilot" and not status.onboard_control_sensors_present & _PREARM:
+        return Item(
+            name=name, about=about(vehicle), grade=Grade.WARNING, value="not reported", limit=limit,
+            advice="its firmware does not report them: look at its own ground station",
+        )  # fmt: skip
+    if status.onboard_control_sensors_health & _PREARM:
+        return judged(name, about(vehicle), good=True, value=f"healthy in {vehicle.mode_name}", limit=limit, advice="")
+    reasons = [told.text for told in vehicle.texts if _REASON.search(told.text)]
+    said = "; ".join(dict.fromkeys(reasons[-6:])) or "it gives no reason"
+    advice = f"mend what it says: {said}"
+    if autopilot == "px4":
+        # What it has against its mode, PX4 does not say.
+        said, advice = f"{said}, in {vehicle.mode_name}", f"{advice}; it arms in HOLD, not in LAND, RETURN or OFFBOARD"
+    return _running(name, vehicle, said, limit, advice)
+
+
+def _sensors(vehicle: RemoteVehicle) -> Item:
+    status = _present(vehicle, "SYS_STATUS")
+    if status is None:
+        return _running("sensors", vehicle, None, "all healthy", "SYS_STATUS does not come")
+    # What PX4 needs and does not find is enabled without being present.
+    on = status.onboard_control_sensors_enabled & ~_NOT_SENSORS
+    sick = on & ~status.onboard_control_sensors_health
+    names = ", ".join(_sensor_names(sick))
+    if sick:
+        return _running("sensors", vehicle, names, "all healthy", f"not healthy: {names}; calibrate or replace")
+    return judged(
+        "sensors", about(vehicle), good=True, value=f"{on.bit_count()} healthy", limit="all healthy", advice=""
+    )
+
+
+def _sensor_names(bits: int) -> list[str]:
+    known = mavlink.enums["MAV_SYS_STATUS_SENSOR"]
+    return [
+        entry.name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_").lower()
+        for bit, entry in sorted(known.items())
+        if bit & bits and not bit & (bit - 1)
+    ]
+
+
+def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
+    told = _present(vehicle, "GPS_RAW_INT")
+    if told is None:
+        return [_running("GPS", vehicle, None, "3D fix", "GPS_RAW_INT does not come")]
+    wait = "give it a free view of the sky, and wait"
+    rows: list[tuple[str, float | None, str, str, Callable[[float], bool]]] = [
+        ("GPS fix", float(told.fix_type), "", "3D, which is 3, or better", lambda fix: fix >= 3),
+        (
+            "GPS satellites", None if told.satellites_visible == 255 else float(told.satellites_visible), "",
+            f"at least {_SATELLITES}", lambda count: count >= _SATELLITES,
+        ),
+        (
+            "GPS HDOP", None if told.eph in (0, 65535) else told.eph / 100, "", f"at most {_HDOP:g}",
+            lambda hdop: hdop <= _HDOP,
+        ),
+        (
+            "GPS horizontal accuracy", told.h_acc / 1e3 if told.h_acc else None, "m",
+            f"at most {_H_ACC[autopilot]:g} m",
+            lambda accuracy: accuracy <= _H_ACC[autopilot],
+        ),
+        (
+            "GPS speed accuracy", told.vel_acc / 1e3 if told.vel_acc else None, "m/s",
+            f"at most {_VEL_ACC[autopilot]:g} m/s", lambda accuracy: accuracy <= _VEL_ACC[autopilot],
+        ),
+    ]  # fmt: skip
+    return [
+        judged(name, about(vehicle), good=good(value), value=value, unit=unit, limit=limit, advice=wait,
+               otherwise=Grade.RUNNING)
+        for name, value, unit, limit, good in rows
+        if value is not None
+    ]  # fmt: skip
+
+
+def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
+    name = "EKF_STATUS_REPORT" if autopilot == "ardupilot" else "ESTIMATOR_STATUS"
+    told = _present(vehicle, name)
+    wait = "let it stand still until its estimator has settled; away from iron and magnets"
+    if told is None:
+        return [_running("estimator", vehicle, None, "with a position", f"{name} does not come")]
+    flags = int(told.flags)
+    good = flags & _POSITIONED == _POSITIONED
+    # PX4 says that its position is constant whenever it stands still, with or without GPS.
+    good = good and bool(flags & _BY_GPS if autopilot == "px4" else not flags & _CONSTANT_POSITION)
+    # 0x400 is "not started" in EKF_STATUS_REPORT and "GPS glitch" in ESTIMATOR_STATUS: bad in both.
+    good = good and not flags & _GLITCH
+    items = [
+        judged(
+            "estimator", about(vehicle), good=good, value=f"0x{flags:X}", limit="attitude, velocity, absolute position",
+            advice=wait, otherwise=Grade.RUNNING,
+        )
+    ]  # fmt: skip
+    fields = (
+        ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
+        if autopilot == "ardupilot"
+        else ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio")
+    )
+    worst = max(fields, key=lambda field: _finite(getattr(told, field)))
+    value = _finite(getattr(told, worst))
+    items.append(
+        judged(
+            f"estimator's {worst.replace('_', ' ')}", about(vehicle), good=value < _VARIANCE, value=value,
+            limit=f"under {_VARIANCE:g}", advice=wait, otherwise=Grade.RUNNING,
+        )
+    )  # fmt: skip
+    if autopilot == "px4":
+        accuracy = _finite(told.pos_horiz_accuracy)
+        items.append(
+            judged(
+                "estimator's accuracy", about(vehicle), good=accuracy <= _ACCURACY, value=accuracy, unit="m",
+                limit=f"at most {_ACCURACY:g} m", advice=wait, otherwise=Grade.RUNNING,
+            )
+        )  # fmt: skip
+    return items
+
+
+def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> list[Item]:
+    home, fix = vehicle.home(), vehicle.fix
+    if home is None or fix is None or origin is None:
+        what = "it does not know its home yet: wait for its GPS"
+        return [_running("home", vehicle, None, "set", what)]
+    (home_x, home_y), (x, y) = origin.world(*home[:2]), origin.world(fix.latitude, fix.longitude)
+    away, off = math.hypot(home_x - x, home_y - y), max(abs(home_x), abs(home_y))
+    half = scenario.arena_side / 2
+    return [
+        judged(
+            "home", about(vehicle), good=away <= _AWAY, value=away, unit="m",
+            limit=f"within {_AWAY:g} m of where it is", advice="switch it off and on where it stands",
+        ),
+        judged(
+            "home in the arena", about(vehicle), good=off <= half, value=off, unit="m",
+            limit=f"at most {half:g} m east, west, north and south of its middle",
+            advice="move it, or the arena with --origin",
+        ),
+    ]  # fmt: skip
+
+
+def _running(name: str, vehicle: RemoteVehicle, value: str | None, limit: str, advice: str) -> Item:
+    return Item(name=name, about=about(vehicle), grade=Grade.RUNNING, value=value, limit=limit, advice=advice)
+
+
+def _present(vehicle: RemoteVehicle, name: str) -> Message | None:
+    """The last message of a name, if it is not old."""
+    return vehicle.message(name) if vehicle.age(name) <= _STALE else None
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else 1e9

@@ -1,0 +1,204 @@
+"""A vehicle's parameters and fence: read, graded, and put right if that is asked for."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import math
+import types
+
+from moflock_mj.errors import OrderError
+from moflock_mj.ground_station.commands import FenceItem, download_fence, read_parameter, set_parameter, upload_fence
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
+from moflock_mj.mavlink.dialect import mavlink
+from moflock_mj.mavlink.fence import Circle, FenceError, Polygon, breaches, read_fence
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.mavlink.parameters import Parameter
+from moflock_mj.preflight.required_parameters import RETURN_ALTITUDE, Needs, Spellings, Wanted, wanted_parameters
+from moflock_mj.preflight.results import Grade, Item, judged
+from moflock_mj.preflight.vehicle_checks import about
+from moflock_mj.scenario.scenario import Scenario
+
+FENCE_MARGIN = 20.0
+"""m, from the arena's walls to a vehicle's own fence, which acts after the deployment's watchdog has had its chance."""
+_ROOF = 10.0
+"""m, from the highest that a vehicle flies to its fence's end."""
+_LAYERS, _LAYER = 90.0, 3.0
+"""m, over which the return altitudes of a flock are spread, and by how much each differs at most."""
+_TRIES = 2
+_CAPACITY = {"ardupilot": "BATT_CAPACITY", "px4": "BAT1_CAPACITY"}
+_LOW = {"ardupilot": "BATT_LOW_MAH", "px4": "BAT_LOW_THR"}
+_LOOKS = 25
+"""Along each side of the arena, places at which a fence must allow to be."""
+_FIX = "run preflight with --fix, or set it yourself"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a vehicle is set to.
+
+    Attributes:
+        values: by parameter name; those that it has.
+        shapes: of its fence, in the world; None if the fence is none or cannot be read.
+        capacity: mAh, of its battery; None: unknown.
+        low: share of the charge at which its own failsafe acts; 0: unknown, or by voltage alone.
+    """
+
+    values: dict[str, float]
+    shapes: tuple[Polygon | Circle, ...] | None
+    capacity: float | None
+    low: float = 0.0
+
+
+def needs_of(vehicle: RemoteVehicle, place: int, count: int, origin: Origin, scenario: Scenario) -> Needs:
+    """What the flight asks of a vehicle, the `place`-th of `count`."""
+    home, edge = vehicle.home(), scenario.arena_side / 2 + FENCE_MARGIN
+    x, y = origin.world(*home[:2]) if home else (0.0, 0.0)
+    layer = scenario.altitude + 2 * _LAYER + place * layer_height(count)
+    return Needs(
+        speed=scenario.v_max,
+        acceleration=scenario.a_max,
+        radius=math.ceil(math.hypot(abs(x) + edge, abs(y) + edge)),
+        top=math.ceil(scenario.altitude + 2 * _LAYER + count * layer_height(count) + _ROOF),
+        return_altitude=round(layer, 1),
+    )
+
+
+def layer_height(count: int) -> float:
+    """m, between the return altitudes of `count` vehicles."""
+    return min(_LAYER, _LAYERS / count)
+
+
+async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, origin: Origin) -> Settings:
+    """Ask a vehicle for all that matters.
+
+    Raises:
+        OrderError: it does not answer.
+    """
+    values: dict[str, float] = {}
+    for spellings in wanted_parameters(autopilot, needs):
+        # Side by side: who does not know a name does not answer.
+        names = [want.name for want in spellings]
+        found = await asyncio.gather(*(read_parameter(vehicle, name, tries=_TRIES) for name in names))
+        values |= {name: parameter.value for name, parameter in zip(names, found, strict=True) if parameter is not None}
+    capacity = await read_parameter(vehicle, _CAPACITY[autopilot], tries=_TRIES)
+    low = await read_parameter(vehicle, _LOW[autopilot], tries=_TRIES)
+    shapes = await _read_shapes(vehicle, origin)
+    # PX4's -1 and ArduPilot's 0 are of a battery that nobody has described.
+    full = capacity.value if capacity and capacity.value > 0 else None
+    return Settings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
+
+
+async def _read_shapes(vehicle: RemoteVehicle, origin: Origin) -> tuple[Polygon | Circle, ...] | None:
+    """The vehicle's fence in the world; None if it is none or cannot be read."""
+    try:
+        items = [
+            types.SimpleNamespace(
+                command=item.command, param1=item.param1, x=round(item.latitude * 1e7), y=round(item.longitude * 1e7)
+            )
+            for item in await download_fence(vehicle)
+        ]
+        return read_fence(items, origin)
+    except (FenceError, OrderError):
+        return None
+
+
+def _low_share(autopilot: str, low: Parameter | None, capacity: float | None) -> float:
+    """ArduPilot counts mAh that are left, PX4 a share."""
+    if low is None or (autopilot == "ardupilot" and not capacity):
+        return 0.0
+    share = low.value / capacity if autopilot == "ardupilot" and capacity else low.value
+    return share if 0 <= share <= 1 else 0.0
+
+
+def settings_items(
+    vehicle: RemoteVehicle, autopilot: str, needs: Needs, found: Settings, scenario: Scenario
+) -> list[Item]:
+    """Grades of a vehicle's parameters and fence."""
+    wanted = wanted_parameters(autopilot, needs)
+    items = [item for want in wanted if (item := _parameter_item(vehicle, want, found.values)) is not None]
+    return [*items, _fence_item(vehicle, found.shapes, scenario)]
+
+
+async def put_right(
+    vehicle: RemoteVehicle, autopilot: str, needs: Needs, found: Settings, origin: Origin, scenario: Scenario
+) -> list[str]:
+    """Set what is wrong and upload a fence of the arena; returns what was changed, a line each, as it was read back.
+
+    Raises:
+        OrderError: the vehicle does not take it.
+    """
+    changes = []
+    if found.shapes is None or not _fits(found.shapes, scenario):
+        await upload_fence(vehicle, _arena_fence(origin, scenario))
+        kept_shapes = await _read_shapes(vehicle, origin)
+        if kept_shapes is None or not _fits(kept_shapes, scenario):
+            raise OrderError(f"{vehicle}: fence: what was uploaded does not come back")
+        changes.append(f"{about(vehicle)}: fence: a square {scenario.arena_side + 2 * FENCE_MARGIN:g} m wide")
+    for spellings in wanted_parameters(autopilot, needs):
+        want = _known(spellings, found.values)
+        if want is None:
+            continue
+        before = found.values[want.name]
+        if want.holds(before) and (want.name not in RETURN_ALTITUDE or math.isclose(before, want.value, abs_tol=1e-3)):
+            continue
+        kept = await set_parameter(vehicle, want.name, want.value)
+        changes.append(f"{about(vehicle)}: {want.name}: {before:g} -> {kept.value:g}")
+    return changes
+
+
+def return_altitude(found: Settings) -> float | None:
+    """m, above home, at which a vehicle returns; None: it does not tell."""
+    told = (found.values[name] * unit for name, unit in RETURN_ALTITUDE.items() if name in found.values)
+    return next(told, None)
+
+
+def _known(spellings: Spellings, values: dict[str, float]) -> Wanted | None:
+    return next((want for want in spellings if want.name in values), None)
+
+
+def _parameter_item(vehicle: RemoteVehicle, spellings: Spellings, values: dict[str, float]) -> Item | None:
+    want = _known(spellings, values)
+    if not spellings[0].why:
+        return None  # judged over the flock
+    if want is None:
+        names, first = " or ".join(want.name for want in spellings), spellings[0]
+        advice = f"it does not know {names}: is it the firmware that this is for?"
+        return Item(name=first.name, about=about(vehicle), grade=first.missing, limit=first.limit, advice=advice)
+    return judged(
+        want.name, about(vehicle), good=want.holds(values[want.name]), value=values[want.name], limit=want.limit,
+        advice=f"{want.why}: {_FIX}", otherwise=want.otherwise,
+    )  # fmt: skip
+
+
+def _fence_item(vehicle: RemoteVehicle, shapes: tuple[Polygon | Circle, ...] | None, scenario: Scenario) -> Item:
+    limit = "a polygon that allows the whole arena"
+    if shapes is None:
+        return Item(
+            name="fence", about=about(vehicle), grade=Grade.FAILURE, value="unreadable", limit=limit, advice=_FIX
+        )  # fmt: skip
+    if not shapes:
+        return Item(
+            name="fence", about=about(vehicle), grade=Grade.WARNING, value="a circle about its home alone", limit=limit,
+            advice=f"corners of the circle are far outside of the arena: {_FIX}",
+        )  # fmt: skip
+    return judged(
+        "fence", about(vehicle), good=_fits(shapes, scenario), value=f"{len(shapes)} shapes", limit=limit,
+        advice=f"parts of the arena are forbidden, or nothing is: {_FIX}",
+    )  # fmt: skip
+
+
+def _fits(shapes: tuple[Polygon | Circle, ...], scenario: Scenario) -> bool:
+    """Whether there is a fence, and the whole arena is within."""
+    if not any(shape.allowed for shape in shapes):
+        return False
+    half = scenario.arena_side / 2
+    places = [-half + number * scenario.arena_side / (_LOOKS - 1) for number in range(_LOOKS)]
+    return not any(breaches(shapes, x, y) for x in places for y in places)
+
+
+def _arena_fence(origin: Origin, scenario: Scenario) -> list[FenceItem]:
+    edge = scenario.arena_side / 2 + FENCE_MARGIN
+    corners = [(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)]
+    command = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+    return [FenceItem(command, len(corners), *origin.globe(east, north)) for east, north in corners]

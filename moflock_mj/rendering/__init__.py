@@ -1,0 +1,1 @@
+"""Flights as pictures of bodies: MuJoCo's renderer, video, interactive viewer."""

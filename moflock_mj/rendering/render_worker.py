@@ -1,0 +1,62 @@
+"""A process that renders some of a video's frames: `python -m moflock_mj.rendering.render_worker FOLDER NUMBER`.
+
+It is a program of its own because MuJoCo reads MUJOCO_GL when it is first imported, and because a pipe to it has two
+ends: when either side is gone, however it went, the other one notices.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from moflock_mj.visualization.playback import Playback
+
+
+class Shots(NamedTuple):
+    """What is rendered; stands in a folder beside the playback.
+
+    Attributes:
+        camera: overview, chase or top.
+        speed: simulated over shown time.
+        size: width and height, pixels.
+        times: of the frames, s.
+        processes: that share the frames, each of n taking every n-th.
+    """
+
+    camera: str
+    speed: float
+    size: tuple[int, int]
+    times: list[float]
+    processes: int
+
+    def save(self, folder: Path) -> None:
+        (folder / "shots.json").write_text(json.dumps(self), encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Shots:
+        camera, speed, (width, height), times, processes = json.loads((folder / "shots.json").read_text("utf-8"))
+        return cls(camera, speed, (width, height), times, processes)
+
+
+def main() -> None:
+    """Write the frames, as bytes of (height, width, 3), to stdout."""
+    from moflock_mj.rendering.renderer import Studio  # noqa: PLC0415 - loads the GL, which only this process needs
+
+    folder, number = Path(sys.argv[1]), int(sys.argv[2])
+    shots = Shots.load(folder)
+    studio = Studio(Playback.load(folder), shots.camera, shots.speed, shots.size)
+    try:
+        with os.fdopen(sys.stdout.fileno(), "wb", closefd=False) as out:
+            for time in shots.times[number :: shots.processes]:
+                out.write(studio.shoot(time).tobytes())
+    except BrokenPipeError:
+        pass  # nobody wants the frames any more
+    # A driver's own tidying up at the end of a process may fail noisily; there is nothing left to tidy up.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

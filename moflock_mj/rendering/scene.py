@@ -1,0 +1,197 @@
+"""What a flight looks like in MuJoCo: its model with all flocks in it, and what is painted into a scene around them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moflock_mj.dynamics.airframe_models import flock_spec
+from moflock_mj.rendering.cameras import FIELD_OF_VIEW, View
+from moflock_mj.visualization.playback import Moment, Playback, Track
+
+TIMESTEP = 0.005
+"""Of the model, s; nothing is stepped."""
+
+LOOKS = 2
+"""Group of the airframes' geoms that are only looked at."""
+
+_MARKER = 1 / 105
+"""Radius of a drone's marker, in heights of the picture."""
+
+_TOO_SMALL = 0.5
+"""A drone whose marker would be smaller than this, in widths of a drone, is seen without one."""
+
+_ARROW = 4.2
+"""Length of a marker's arrow at v_flock, in radii of the marker."""
+
+_WALL, _EDGE = (0.35, 0.65, 0.95, 0.07), (0.45, 0.72, 1.0, 0.9)
+_FAINT = 0.25
+_TRAIL_ALPHA = (0.06, 0.85)
+
+
+def grid_cell(playback: Playback) -> float:
+    """Side of the ground's cells, m: 1, 2 or 5 times a power of ten, about a tenth of the arena."""
+    tenth = float(np.ptp(playback.outline[:, 0])) / 9
+    power = 10 ** np.floor(np.log10(tenth))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= tenth))
+
+
+def stage_model(playback: Playback) -> mujoco.MjModel:
+    """The ground and all flocks, with what is only looked at; drone i of all flights together is free joint i."""
+    spec = _flock(playback.tracks[0])
+    for number, track in enumerate(playback.tracks[1:], start=2):
+        guest = _flock(track)
+        for element in (guest.geom("ground"), *guest.lights, *guest.materials, *guest.textures):
+            guest.delete(element)
+        spec.attach(guest, prefix=f"flight_{number}_", frame=spec.worldbody.add_frame())
+    _light(spec, grid_cell(playback))
+    model = spec.compile()
+    # Clipping planes: from half a metre to beyond the horizon of any camera.
+    model.stat.extent = extent = float(np.ptp(playback.outline, axis=0).max())
+    model.vis.map.znear, model.vis.map.zfar = 0.4 / extent, 30.0
+    model.vis.global_.fovy = FIELD_OF_VIEW
+    model.vis.quality.offsamples = model.vis.quality.shadowsize = 0
+    return model
+
+
+def _flock(track: Track) -> Any:
+    return flock_spec(track.airframe, track.drones, TIMESTEP, visuals=True)
+
+
+def _light(spec: Any, cell: float) -> None:
+    """Darken ground and sky, on which colours show; make the ground's grid fit the arena."""
+    cells, sky = spec.texture("cells"), spec.texture("sky")
+    cells.rgb1, cells.rgb2, cells.markrgb = (0.29, 0.32, 0.37), (0.32, 0.35, 0.40), (0.50, 0.54, 0.60)
+    sky.rgb1, sky.rgb2 = (0.16, 0.22, 0.32), (0.42, 0.50, 0.60)
+    spec.material("cells").texrepeat = (0.5 / cell, 0.5 / cell)
+    # Light and a geom's own glow add up to about 1, so that its colour is the legend's.
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.35,) * 3, (0.15,) * 3
+    for sun in spec.lights:
+        sun.diffuse, sun.specular = (0.35,) * 3, (0.0,) * 3
+    spec.visual.rgba.haze = (0.42, 0.50, 0.60, 1.0)
+
+
+def pose(data: mujoco.MjData, model: mujoco.MjModel, moments: list[Moment]) -> None:
+    """Put every drone where it is."""
+    data.qpos.reshape(-1, 7)[:, :3] = np.concatenate([moment.position for moment in moments])
+    data.qpos.reshape(-1, 7)[:, 3:] = np.concatenate([moment.quaternion for moment in moments])
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+
+
+def room_for(playback: Playback) -> int:
+    """How many geoms a scene must have room for."""
+    drones = sum(track.drones for track in playback.tracks)
+    return 200 + 80 * drones
+
+
+def airframes_show(playback: Playback, moments: list[Moment], view: View) -> bool:
+    """Whether any drone is seen as such; else markers hide them all, and drawing them would only take time."""
+    near = []
+    for moment in moments:
+        radii, depth = _marker_radii(moment, view)
+        near.append(np.any((depth > 0) & (radii < _TOO_SMALL * playback.drone_width)))
+    return bool(np.any(near))
+
+
+def _marker_radii(moment: Moment, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The radii in m by which markers appear alike, (N,), and the drones' depth, m, (N,)."""
+    _, depth = view.place(moment.position)
+    # A picture is two half heights high.
+    return 2 * _MARKER * np.tan(np.radians(FIELD_OF_VIEW) / 2) * np.maximum(depth, 0.0), depth
+
+
+class Painter:
+    """Paints a playback's arena, trails and markers into a scene, after the model's own geoms.
+
+    Args:
+        playback: what is painted.
+        scene: where to.
+    """
+
+    def __init__(self, playback: Playback, scene: mujoco.MjvScene) -> None:
+        self.playback = playback
+        self.scene = scene
+
+    def paint(self, time: float, moments: list[Moment], view: View) -> None:
+        """Add everything for one time.
+
+        Args:
+            time: s.
+            moments: of each flight then.
+            view: from where it is seen; markers are as large as they need to be from there.
+        """
+        self._arena()
+        for track, moment in zip(self.playback.tracks, moments, strict=True):
+            self._trails(track, time)
+            self._markers(moment, view)
+
+    def _arena(self) -> None:
+        outline, top = self.playback.outline, 2 * self.playback.altitude
+        for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            along = (b - a) / np.linalg.norm(b - a)
+            turn = np.array([[along[0], -along[1], 0.0], [along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+            size = (float(np.linalg.norm(b - a)) / 2, 0.01, top / 2)
+            self._solid(mujoco.mjtGeom.mjGEOM_BOX, size, (*(a + b) / 2, top / 2), turn, _WALL)
+            for height, alpha in ((0.05, 1.0), (top, _FAINT)):
+                self._line((*a, height), (*b, height), 2.0, (*_EDGE[:3], alpha))
+            self._line((*a, 0.0), (*a, top), 1.5, (*_EDGE[:3], 2 * _FAINT))
+
+    def _trails(self, track: Track, time: float) -> None:
+        corners, rgb = track.trail(time)
+        alphas = np.linspace(*_TRAIL_ALPHA, len(rgb))
+        for k, alpha in enumerate(alphas):
+            for drone in range(track.drones):
+                self._line(corners[k, drone], corners[k + 1, drone], 1.6, (*rgb[k, drone] / 255, alpha))
+
+    def _markers(self, moment: Moment, view: View) -> None:
+        """A ball and an arrow where a drone would be too small to see, else a tinted disc around it."""
+        width = self.playback.drone_width
+        radii, depth = _marker_radii(moment, view)
+        for drone in np.flatnonzero(depth > 0):
+            position, rgb, radius = moment.position[drone], moment.rgb[drone] / 255, float(radii[drone])
+            if radius < _TOO_SMALL * width:
+                turn = np.empty(9)
+                mujoco.mju_quat2Mat(turn, moment.quaternion[drone].astype(float))
+                disc = (0.62 * width, 0.62 * width, 0.02 * width)
+                self._solid(mujoco.mjtGeom.mjGEOM_CYLINDER, disc, position, turn, (*rgb, 0.4))
+            else:
+                self._solid(mujoco.mjtGeom.mjGEOM_SPHERE, (0.85 * radius,) * 3, position, np.eye(3), (*rgb, 1.0))
+                self._arrow(position, moment.velocity[drone], radius, (*rgb, 1.0))
+
+    def _arrow(self, position: ArrayLike, velocity: NDArray[np.float32], radius: float, rgba: ArrayLike) -> None:
+        tip = np.asarray(position) + velocity * (_ARROW * radius / self.playback.v_flock)
+        geom = self._next(rgba)
+        if geom is not None and np.linalg.norm(velocity) > 0.02 * self.playback.v_flock:
+            mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.55 * radius, np.asarray(position, float), tip)
+            self.scene.ngeom += 1
+
+    def _line(self, start: ArrayLike, end: ArrayLike, width: float, rgba: ArrayLike) -> None:
+        """Add a line; its width is in pixels."""
+        geom = self._next(rgba)
+        if geom is not None:
+            ends = np.asarray(start, float), np.asarray(end, float)
+            mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_LINE, width, *ends)
+            self.scene.ngeom += 1
+
+    def _solid(self, kind: int, size: ArrayLike, place: ArrayLike, turn: ArrayLike, rgba: ArrayLike) -> None:
+        geom = self._next(rgba)
+        if geom is not None:
+            geom.type = kind
+            geom.size[:], geom.pos[:], geom.mat[:] = size, place, np.reshape(turn, (3, 3))
+            self.scene.ngeom += 1
+
+    def _next(self, rgba: ArrayLike) -> Any:
+        """The next free geom of the scene, self-luminous in a colour; None if the scene is full."""
+        if self.scene.ngeom >= self.scene.maxgeom:
+            return None
+        geom = self.scene.geoms[self.scene.ngeom]
+        nowhere = np.zeros(3)
+        mujoco.mjv_initGeom(
+            geom, mujoco.mjtGeom.mjGEOM_SPHERE, nowhere, nowhere, np.eye(3).ravel(), np.asarray(rgba, np.float32)
+        )
+        geom.emission, geom.specular = 0.3, 0.0
+        return geom

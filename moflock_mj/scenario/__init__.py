@@ -1,0 +1,1 @@
+"""What is flown, declared and checked: no computation."""

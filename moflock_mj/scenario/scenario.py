@@ -1,0 +1,200 @@
+"""The scenario of a flight: everything but the policy's 12 parameters, the dynamics and the seed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from moflock_mj.errors import ScenarioError
+from moflock_mj.fields import Section, check_fields, check_keys, quantity, section, sections
+from moflock_mj.scenario.acceptance import VerdictLimits
+from moflock_mj.scenario.effect_configs import Battery, Downwash, Drag, GroundEffect, Imu, PointMassResponse, Wind
+from moflock_mj.scenario.faults import Fault
+
+DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
+"""Integration step of each dynamics where the scenario names none, in s."""
+
+DEPLOYED = "deployed"
+"""In place of the dynamics where vehicles flew over MAVLink: nobody can fly that again."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """What is flown, in SI units. The defaults are the paper's (its tables, and MOflock's configuration).
+
+    Raises:
+        ScenarioError: a value is of the wrong type or out of bounds, or a period is no whole multiple of the step.
+    """
+
+    drones: int = quantity(30, "1", "number of drones", low=1, high=10_000)
+    arena_side: float = quantity(500.0, "m", "side of the square arena, centred at the origin", low=1, high=1e5)
+    duration: float = quantity(600.0, "s", "simulated time of the flight", low=0, open_low=True, high=1e6)
+    step: float | None = quantity(None, "s", "integration step; the dynamics' own if absent", low=1e-4, high=0.2)
+
+    altitude: float = quantity(20.0, "m", "height at which the flock flies", low=1, high=1e4)
+    airframe: str = quantity("x500", "1", "the vehicle: a file of models/, without .xml")
+    start: str = quantity(
+        "spaced",
+        "1",
+        "spaced: apart and at rest; moflock: anywhere, with one common velocity",
+        choices=("spaced", "moflock"),
+    )
+    start_spacing: float = quantity(12.0, "m", "least distance between two drones of a spaced start", low=0, high=1e4)
+    start_speed: float = quantity(1.0, "m/s", "bound of each component of a moflock start's velocity", low=0, high=100)
+    warm_up: float = quantity(0.0, "s", "time at the beginning that order parameters leave out", low=0, high=1e6)
+
+    v_flock: float = quantity(6.0, "m/s", "the speed that each drone strives for", low=0, open_low=True, high=100)
+    v_max: float = quantity(6.0, "m/s", "bound of the desired velocity", low=0, open_low=True, high=100)
+    v_rep_max: float = quantity(6.0, "m/s", "bound of the repulsion from one neighbour", low=0, high=100)
+
+    sample_period: float = quantity(0.1, "s", "period of order parameters and log", low=1e-4, high=10)
+    t_gps: float = quantity(0.2, "s", "period of sensing and policy", low=1e-4, high=10)
+    t_del: float = quantity(1.0, "s", "delay of what is heard of others", low=0, high=60)
+    r_comm: float = quantity(100.0, "m", "range of communication", low=0, high=1e5)
+    packet_loss_ratio: float = quantity(0.0, "1", "share of packets lost at packet_loss_distance", low=0, high=1)
+    packet_loss_distance: float = quantity(100.0, "m", "see packet_loss_ratio", low=0, open_low=True, high=1e5)
+    sigma_inner: float = quantity(0.005, "m^2/s^2", "strength of the GPS error", low=0, high=100)
+    lambda_gps: float = quantity(0.1, "1/s", "damping of the GPS error", low=0, high=10)
+
+    tau: float = quantity(1.0, "s", "time constant of the velocity's response", low=0.05, high=60)
+    a_max: float = quantity(6.0, "m/s^2", "bound of the commanded acceleration", low=0, open_low=True, high=100)
+    sigma_outer: float = quantity(0.2, "m^2/s^3", "strength of the outer noise; wind replaces it", low=0, high=100)
+    tilt_max: float = quantity(math.radians(45), "rad", "bound of a body's commanded tilt", low=0.05, high=1.4)
+
+    r_coll: float = quantity(3.0, "m", "two drones closer than this count as a collision", low=0, high=1e3)
+    v_tol: float = quantity(2.25, "m/s", "tolerance of F_speed", low=0, open_low=True, high=100)
+    a_tol: float = quantity(0.0003, "1", "tolerance of F_coll", low=0, open_low=True, high=1)
+    r_tol: float = quantity(5.0, "m", "tolerance of F_wall", low=0, open_low=True, high=1e4)
+
+    point_mass: PointMassResponse | None = section(
+        PointMassResponse, "the response of point masses, in place of tau and a_max"
+    )
+    wind: Wind | None = section(Wind, "moving air, in place of the outer noise")
+    drag: Drag | None = section(Drag, "drag of rigid bodies and their rotors; with wind it is on anyway")
+    downwash: Downwash | None = section(Downwash, "what a drone's rotors blow at those below it; rigid bodies")
+    ground_effect: GroundEffect | None = section(GroundEffect, "more thrust close above the ground; rigid bodies")
+    battery: Battery | None = section(Battery, "voltage falls with charge and current, thrust with it; rigid bodies")
+    imu: Imu | None = section(Imu, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies")
+    verdict: VerdictLimits = section(VerdictLimits, "what makes a point flyable or unsafe", on=True)
+
+    faults: tuple[Fault, ...] = sections(Fault, "what breaks in flight, see `moflock_mj.scenario.faults`")
+
+    def __post_init__(self) -> None:
+        check_fields(self, ScenarioError)
+        if self.warm_up >= self.duration:
+            raise ScenarioError(f"warm_up: {self.warm_up:g} s must be under the duration, {self.duration:g} s")
+        self._check_multiple("duration", "sample_period", self.sample_period)
+        if self.step is not None:
+            self._check_periods(self.step)
+        for place, fault in enumerate(self.faults):
+            fault.check_against(self.drones, self.duration, f"faults[{place}]")
+
+    def step_for(self, dynamics: str) -> float:
+        """The integration step for `dynamics`, in s, with every period a whole multiple of it.
+
+        Raises:
+            ScenarioError: a period is no whole multiple of the step.
+        """
+        step = DEFAULT_STEP[dynamics] if self.step is None else self.step
+        self._check_periods(step)
+        return step
+
+    def replace(self, **changes: Any) -> Scenario:
+        """A scenario that differs in the named fields."""
+        check_keys(changes, self.field_names(), ScenarioError)
+        return dataclasses.replace(self, **changes)
+
+    @classmethod
+    def field_names(cls) -> tuple[str, ...]:
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    @classmethod
+    def from_toml(cls, text: str) -> Scenario:
+        """Read a scenario; fields that it does not name keep their defaults.
+
+        Raises:
+            ScenarioError: the text is no TOML, or names a field or a value that a scenario does not have.
+        """
+        try:
+            values = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as problem:
+            raise ScenarioError(f"not TOML: {problem}") from None
+        return cls.from_dict(values)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Scenario:
+        """A scenario from its fields by name, sections as mappings or None, faults as a list of mappings.
+
+        What is left out keeps its default.
+
+        Raises:
+            ScenarioError: there is a field or a value that a scenario does not have.
+        """
+        check_keys(values, cls.field_names(), ScenarioError)
+        fields = dict(values)
+        for name, kind in cls.sections().items():
+            if fields.get(name) is not None:
+                fields[name] = kind.read(fields[name])
+        if "faults" in fields:
+            fields["faults"] = Fault.read_all(fields["faults"])
+        return cls(**fields)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields by name as JSON values, as `from_dict` reads them."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def sections(cls) -> dict[str, type[Section]]:
+        """The sections by name."""
+        kinds = {field.name: field.metadata.get("section") for field in dataclasses.fields(cls)}
+        return {name: kind for name, kind in kinds.items() if kind is not None}
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scenario:
+        """Read a scenario file.
+
+        Raises:
+            ScenarioError: the file cannot be read, or see `from_toml`.
+        """
+        try:
+            return cls.from_toml(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as problem:
+            reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+            raise ScenarioError(f"scenario {path}: {reason}") from None
+        except ScenarioError as problem:
+            raise ScenarioError(f"scenario {path}: {problem}") from None
+
+    def to_toml(self) -> str:
+        """The scenario as TOML, each field with its unit, bounds and meaning in a comment; tables come last."""
+        tables = {"section", "sections"}
+        lines = [_toml_line(self, field) for field in dataclasses.fields(self) if not tables & field.metadata.keys()]
+        for field in dataclasses.fields(self):
+            if "section" in field.metadata:
+                held, off = getattr(self, field.name), getattr(self, field.name) is None
+                lines += ["", f"{'# ' * off}[{field.name}]  # {'off: ' * off}{field.metadata['bounds'].help}"]
+                lines += [_toml_line(held, inner) for inner in dataclasses.fields(held)] if not off else []
+        for fault in self.faults:
+            lines += ["", "[[faults]]", *(_toml_line(fault, inner) for inner in dataclasses.fields(fault))]
+        return "\n".join(lines) + "\n"
+
+    def _check_periods(self, step: float) -> None:
+        for name in ("sample_period", "t_gps", "t_del"):
+            self._check_multiple(name, "step", step)
+
+    def _check_multiple(self, name: str, of: str, period: float) -> None:
+        value = getattr(self, name)
+        if abs(value / period - round(value / period)) > 1e-6:
+            raise ScenarioError(f"{name}: {value:g} s is no whole multiple of the {of}, {period:g} s")
+
+
+def _toml_line(record: Any, field: dataclasses.Field[Any]) -> str:
+    value, bounds = getattr(record, field.name), field.metadata["bounds"]
+    comment = "; ".join(part for part in (bounds.help, bounds.limit()) if part)
+    if value is None:
+        return f"# {field.name} = ...  # {comment}"
+    return f"{field.name} = {json.dumps(value)}  # {comment}"

@@ -1,0 +1,1 @@
+"""What each drone knows: GPS, packets, IMU."""

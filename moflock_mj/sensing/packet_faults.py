@@ -1,0 +1,173 @@
+"""What faults do to what drones tell, hear and read: the stages of sensing that a schedule of faults changes.
+
+See `breakdown` for the faults and for what drones make of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.compiling import Off, implements, stage
+from controllers.policies.interface import Sensed
+from moflock_mj.effects.fault_injection import FALLEN, Breakdown
+from moflock_mj.world.state import World
+
+if TYPE_CHECKING:
+    from moflock_mj.sensing.gps import SensorState
+
+
+@stage
+def spoil_packets(faults: NamedTuple, state: SensorState, world: World, moment: int) -> None:
+    """Change what the packets of a moment tell, or send none; chosen by the type of `faults`.
+
+    Args:
+        faults: what is broken.
+        state: its ring of the past holds the moment already.
+        world: the true state.
+        moment: its number.
+    """
+
+
+@stage
+def spoil_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
+    """Let the errors of drones without GPS go on without fixes; chosen by the type of `faults`.
+
+    Args:
+        faults: what is broken.
+        state: its errors have drifted as with GPS.
+        t_gps: s, time since the tick before.
+    """
+
+
+@stage
+def drop_neighbours(
+    faults: NamedTuple, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed
+) -> None:
+    """Strike out whom each drone does not hear, or should not heed; chosen by the type of `faults`.
+
+    Args:
+        faults: what is broken.
+        world: the true state.
+        moment: of which the packets that arrive tell.
+        loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no fault loses packets.
+        sensed: whose neighbours would be heard without faults.
+    """
+
+
+@stage
+def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+    """Write what earlier packets said, carried on to now; chosen by the type of `faults`.
+
+    Args:
+        faults: say how many are kept.
+        state: the ring of the past, and the present errors.
+        moment: of which the packets that arrive now tell.
+        t_gps: s, between two packets.
+        sensed: its columns from N on are written.
+    """
+
+
+@stage
+def shift_readings(faults: NamedTuple, position: NDArray[np.float64]) -> None:
+    """Add jumps to what drones read of their positions, (2, N), m; chosen by the type of `faults`."""
+
+
+@implements(spoil_packets, Off)
+def _spoil_no_packets(faults: Off, state: SensorState, world: World, moment: int) -> None:
+    pass
+
+
+@implements(spoil_fixes, Off)
+def _spoil_no_fixes(faults: Off, state: SensorState, t_gps: float) -> None:
+    pass
+
+
+@implements(drop_neighbours, Off)
+def _drop_none(faults: Off, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed) -> None:
+    pass
+
+
+@implements(recall_packets, Off)
+def _recall_none(faults: Off, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+    pass
+
+
+@implements(shift_readings, Off)
+def _shift_none(faults: Off, position: NDArray[np.float64]) -> None:
+    pass
+
+
+@implements(spoil_packets, Breakdown)
+def _spoil_packets(faults: Breakdown, state: SensorState, world: World, moment: int) -> None:
+    slot = moment % faults.memory.sent.shape[0]
+    for i in range(faults.mute.size):
+        faults.memory.sent[slot, i] = not faults.mute[i]
+        faults.memory.height[slot, i] = world.position[2, i]
+        for axis in range(2):
+            state.past_position[slot, axis, i] += faults.jump[axis, i]
+
+
+@implements(spoil_fixes, Breakdown)
+def _spoil_fixes(faults: Breakdown, state: SensorState, t_gps: float) -> None:
+    memory = faults.memory
+    for process in range(2):
+        for axis in range(2):
+            g, h = state.position_error[process, axis], state.velocity_error[process, axis]
+            last_g, last_h = memory.position_error[process, axis], memory.velocity_error[process, axis]
+            for i in range(g.size):
+                if faults.without_fix[i] >= 0:
+                    h[i] = last_h[i]
+                    g[i] = last_g[i] + t_gps * h[i]
+                last_g[i], last_h[i] = g[i], h[i]
+
+
+@implements(drop_neighbours, Breakdown)
+def _drop_neighbours(
+    faults: Breakdown, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed
+) -> None:
+    memory, lossy, ring = faults.memory, loss_draws.shape[0] > 0, faults.memory.sent.shape[0]
+    drones, too_old = faults.deaf.size, faults.kept + 1
+    age_before = np.empty(drones, np.int64)
+    for i in range(drones):
+        age_before[:] = memory.age[i]
+        memory.age[i] = too_old + 1  # also of those that have flown out of range
+        count, arrived, missing = 0, 0, 0
+        for k in range(sensed.neighbour_count[i]):
+            j = sensed.neighbours[i, k]
+            lost = lossy and loss_draws[i, j] < max(faults.loss[i], faults.loss[j])
+            arrives = not faults.deaf[i] and memory.sent[moment % ring, j] and not lost
+            age = 0 if arrives else age_before[j] + (age_before[j] < too_old)
+            memory.age[i, j] = age
+            arrived += arrives
+            missing += age == too_old
+            if age < too_old and memory.height[(moment - age) % ring, j] > world.position[2, i] - FALLEN:
+                sensed.neighbours[i, count] = j + age * drones
+                count += 1
+        sensed.neighbour_count[i] = count
+        if arrived > 0:
+            memory.cut_off[i] = 0
+        elif count == 0 and missing >= 2:  # of one alone it could be the other's radio
+            memory.cut_off[i] = 1
+
+
+@implements(recall_packets, Breakdown)
+def _recall_packets(faults: Breakdown, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+    drones = faults.deaf.size
+    for age in range(1, faults.kept + 1):
+        slot = (moment - age) % state.past_position.shape[0]
+        for axis in range(2):
+            for j in range(drones):
+                velocity = state.past_velocity[slot, axis, j]
+                place = state.past_position[slot, axis, j] + age * t_gps * velocity
+                sensed.heard_position[axis, j + age * drones] = place + state.position_error[1, axis, j]
+                sensed.heard_velocity[axis, j + age * drones] = velocity + state.velocity_error[1, axis, j]
+
+
+@implements(shift_readings, Breakdown)
+def _shift_readings(faults: Breakdown, position: NDArray[np.float64]) -> None:
+    for axis in range(2):
+        for i in range(faults.deaf.size):
+            position[axis, i] += faults.jump[axis, i]

@@ -1,0 +1,81 @@
+"""Sensing: GPS errors, late packets, limited range and packet loss turn the true world into what each drone knows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.compiling import kernel
+from controllers.policies.interface import Sensed
+from moflock_mj.sensing.gps import SensorModel, SensorState, drift_gps
+from moflock_mj.sensing.packet_faults import drop_neighbours, recall_packets, shift_readings, spoil_fixes
+from moflock_mj.world.state import World
+from moflock_mj.world.walls import locate_walls
+
+
+@kernel
+def _find_neighbours(model: SensorModel, world: World, loss_draws: NDArray[np.float64], sensed: Sensed) -> None:
+    """List whom each drone hears: true distance now below r_comm, packet not lost; each pair is measured once.
+
+    loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no packet can be lost.
+    """
+    x, y, z = world.position
+    count = sensed.neighbour_count
+    count[:] = 0
+    lossy = loss_draws.shape[0] > 0
+    reach_sq = model.r_comm * model.r_comm
+    for i in range(x.size):
+        for j in range(i + 1, x.size):
+            distance_sq = (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 + (z[j] - z[i]) ** 2
+            if distance_sq < reach_sq:
+                if not (lossy and loss_draws[i, j] < model.packet_loss * distance_sq):
+                    sensed.neighbours[i, count[i]] = j
+                    count[i] += 1
+                if not (lossy and loss_draws[j, i] < model.packet_loss * distance_sq):
+                    sensed.neighbours[j, count[j]] = i
+                    count[j] += 1
+
+
+@kernel
+def sense(
+    model: SensorModel,
+    state: SensorState,
+    world: World,
+    arena: NamedTuple,
+    faults: NamedTuple,
+    heard_moment: int,
+    gps_noise: NDArray[np.float64],
+    loss_draws: NDArray[np.float64],
+    fault_draws: NDArray[np.float64],
+    sensed: Sensed,
+) -> None:
+    """Refresh all that each drone knows.
+
+    Args:
+        model: figures of the scenario.
+        state: errors and past; the errors move on by one tick.
+        world: the true state now.
+        arena: where the walls are.
+        faults: see `moflock_mj.effects.fault_injection`, or Off.
+        heard_moment: which moment of the past the packets that arrive now tell of.
+        gps_noise: (2, 2, N), N(0, 1).
+        loss_draws: (N, N), uniform in [0, 1); (0, 0) where no packet can be lost.
+        fault_draws: (N, N), uniform in [0, 1); (0, 0) where no fault loses packets.
+        sensed: written.
+    """
+    drift_gps(model, state, gps_noise)
+    spoil_fixes(faults, state, model.t_gps)
+    _find_neighbours(model, world, loss_draws, sensed)
+    slot = heard_moment % state.past_position.shape[0]  # moments before the start find the initial state there
+    drop_neighbours(faults, world, heard_moment, fault_draws, sensed)
+    for axis in range(2):
+        for i in range(world.position.shape[1]):
+            sensed.own_position[axis, i] = world.position[axis, i] + state.position_error[0, axis, i]
+            sensed.own_velocity[axis, i] = world.velocity[axis, i] + state.velocity_error[0, axis, i]
+            sensed.heard_position[axis, i] = state.past_position[slot, axis, i] + state.position_error[1, axis, i]
+            sensed.heard_velocity[axis, i] = state.past_velocity[slot, axis, i] + state.velocity_error[1, axis, i]
+    recall_packets(faults, state, heard_moment, model.t_gps, sensed)
+    shift_readings(faults, sensed.own_position)
+    locate_walls(arena, sensed.own_position, sensed.wall_distance, sensed.wall_normal)

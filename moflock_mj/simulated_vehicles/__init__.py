@@ -1,0 +1,1 @@
+"""The server side: ArduPilot- and PX4-like vehicles on our bodies."""

@@ -1,0 +1,353 @@
+"""A fleet of simulated vehicles in real time: bodies are stepped, vehicles decide, packets come and go."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import heapq
+import itertools
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from moflock_mj.errors import FleetError
+from moflock_mj.mavlink.dialect import Message
+from moflock_mj.mavlink.endpoint import Address, Endpoint, Peer
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.mavlink.signing import SigningClock, SigningKey
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulated_vehicles.ardupilot import ArduCopter
+from moflock_mj.simulated_vehicles.guidance import Body, Setpoint
+from moflock_mj.simulated_vehicles.message_handler import Conversation
+from moflock_mj.simulated_vehicles.px4 import Px4
+from moflock_mj.simulated_vehicles.telemetry import Telemetry
+from moflock_mj.simulated_vehicles.vehicle import Phase, Vehicle
+from moflock_mj.simulated_vehicles.vehicle_faults import ALL, Fault, Schedule, check_faults
+from moflock_mj.simulation.initial_state import grid
+from moflock_mj.simulation.random_numbers import Streams
+from moflock_mj.simulation.realtime_bodies import LiveBodies
+
+AUTOPILOTS: dict[str, type[Vehicle]] = {"ardupilot": ArduCopter, "px4": Px4}
+
+TICK = 0.02
+"""s, simulated: period in which vehicles decide and send."""
+VEHICLES_MAX = 250
+"""System ids that there are for vehicles."""
+_SPEED_MAX = 100.0
+_LATE_MAX = 0.5
+"""s by which the loop may be behind the clock before it gives up making good for it."""
+_WAITING_MAX = 10_000
+"""Packets that a delayed link holds; more are lost."""
+_BLIND_DRIFT = 0.035
+"""m/s^2 along each axis, by which velocity errors grow without GPS: gravity through a tilt error of 0.3 degrees."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FleetPlan:
+    """What a fleet is.
+
+    Attributes:
+        vehicles: their number, from 1 to 250; vehicle i has system id i + 1 and port base_port + i.
+        autopilot: of AUTOPILOTS.
+        base_port: of the first vehicle; 0: any free ports.
+        bind: address of this machine at which the vehicles listen.
+        to: where the vehicles send their heartbeats unasked, or None.
+        speed: simulated over real time.
+        spacing: m, between neighbours of the grid in which they stand.
+        boot: s, simulated, until a vehicle's position can be used.
+        scenario: airframe, response, outer noise and GPS errors.
+        faults: what breaks.
+        seed: of the random numbers.
+        origin: the world's place on the globe.
+
+    Raises:
+        FleetError: a value is out of bounds.
+    """
+
+    vehicles: int = 1
+    autopilot: str = "ardupilot"
+    base_port: int = 14600
+    bind: str = "127.0.0.1"
+    to: Address | None = None
+    speed: float = 1.0
+    spacing: float = 12.0
+    boot: float = 8.0
+    scenario: Scenario = dataclasses.field(default_factory=Scenario)
+    faults: Sequence[Fault] = ()
+    seed: int = 1
+    origin: Origin = dataclasses.field(default_factory=Origin)
+
+    def __post_init__(self) -> None:
+        if self.autopilot not in AUTOPILOTS:
+            raise FleetError(f"autopilot: {self.autopilot!r} is unknown: it must be one of {', '.join(AUTOPILOTS)}")
+        bounds = {
+            "vehicles": (1, VEHICLES_MAX),
+            "base_port": (0, 65536 - self.vehicles),
+            "speed": (0.01, _SPEED_MAX),
+            "spacing": (0.01, 1000.0),
+            "boot": (0.0, 600.0),
+            "seed": (0, math.inf),
+        }
+        for name, (low, high) in bounds.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                limits = f"from {low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
+                raise FleetError(f"{name}: {value:g} is out of bounds: it must be {limits}")
+        check_faults(self.faults, self.vehicles)
+
+
+class Station:
+    """One vehicle, its endpoint, and the faults of both.
+
+    Args:
+        number: of the vehicle, from 0.
+        vehicle: decides.
+        faults: that befall it.
+        rng: of lost packets.
+        key: of the signatures, or None.
+        clock: of the signatures.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        vehicle: Vehicle,
+        faults: Sequence[Fault],
+        rng: np.random.Generator,
+        key: SigningKey | None,
+        clock: SigningClock,
+    ) -> None:
+        self.number = number
+        self.vehicle = vehicle
+        self.endpoint = Endpoint(vehicle.system, self._receive, key=key, clock=clock)
+        self.address: Address | None = None
+        self.telemetry = Telemetry(vehicle, time.time())
+        self._conversation = Conversation(vehicle, self.telemetry, lambda: int(vehicle.time * 1e9))
+        self.faults = Schedule(faults, self._begin_fault, self._end_fault)
+        self._rng = rng
+        self._waiting: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+
+    def step(self, now: float, body: Body) -> Setpoint:
+        """Go on to `now`, s; returns what the body is to do."""
+        self.faults.update(now)
+        setpoint = self.vehicle.update(now, body, gps_lost=self.faults.value("gps_loss") is not None)
+        while self._waiting and self._waiting[0][0] <= now:
+            heapq.heappop(self._waiting)[2]()
+        self._conversation.update()
+        self._flush()
+        for message in self.telemetry.due():
+            self._send_to_all(message)
+        return setpoint
+
+    def _receive(self, message: Message, peer: Peer) -> None:
+        self._carry(lambda: self._answer(message, peer))
+
+    def _answer(self, message: Message, peer: Peer) -> None:
+        self._conversation.answer(message, peer)
+        self._flush()
+
+    def _flush(self) -> None:
+        outbox, self.vehicle.outbox = self.vehicle.outbox, []
+        for message, peer in outbox:
+            if isinstance(peer, Peer):
+                self._send(message, peer)
+            else:
+                self._send_to_all(message)
+
+    def _send_to_all(self, message: Message) -> None:
+        for peer in list(self.endpoint.peers.values()):
+            self._send(message, peer)
+
+    def _send(self, message: Message, peer: Peer) -> None:
+        packet = self.endpoint.pack(message, peer)
+        self._carry(lambda: self.endpoint.send_packet(packet, peer))
+
+    def _carry(self, arrive: Callable[[], None]) -> None:
+        """Let something pass the link, as good as it is."""
+        faults = self.faults
+        if faults.value("silent") is not None:
+            return
+        loss, delay = faults.value("link_loss"), faults.value("delay")
+        if loss is not None and self._rng.random() < loss:
+            return
+        if delay is None:
+            arrive()
+        elif len(self._waiting) < _WAITING_MAX:
+            heapq.heappush(self._waiting, (self.vehicle.time + delay, next(self._order), arrive))
+
+    def _begin_fault(self, fault: Fault) -> None:
+        vehicle = self.vehicle
+        if fault.kind == "low_battery":
+            vehicle.battery.set_remaining(fault.value)
+        elif fault.kind == "duplicate_id":
+            self.endpoint.rename(int(fault.value))
+        elif fault.kind == "pilot":
+            vehicle.set_mode(vehicle.pilot_mode)
+
+    def _end_fault(self, fault: Fault) -> None:
+        if fault.kind == "duplicate_id":
+            self.endpoint.rename(self.vehicle.system)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FleetState:
+    """A look at a running fleet.
+
+    Attributes:
+        time: s, simulated.
+        real_time_factor: simulated over wall time since the look before, 1 at the plan's speed.
+        armed: vehicles.
+        flying: vehicles.
+        modes: number of vehicles in each, by name.
+        received: packets by all endpoints; so are dropped, lost and sent.
+    """
+
+    time: float
+    real_time_factor: float
+    armed: int
+    flying: int
+    modes: dict[str, int]
+    received: int
+    dropped: int
+    lost: int
+    sent: int
+
+
+class Fleet:
+    """N simulated vehicles, each behind an endpoint of its own.
+
+    Args:
+        plan: what it is.
+        key: of the links' signatures, or None.
+
+    Raises:
+        MoflockError: the airframe cannot be flown, or the plan not be kept.
+    """
+
+    def __init__(self, plan: FleetPlan, key: SigningKey | None = None) -> None:
+        self.plan = plan
+        streams = Streams.of(plan.seed)
+        places = grid(plan.vehicles, plan.spacing)
+        step = plan.scenario.step_for("rigid_body")
+        self._steps = round(TICK / step)
+        if not math.isclose(self._steps * step, TICK):
+            raise FleetError(f"step: {step:g} s must go a whole number of times into {TICK:g} s")
+        self.bodies = LiveBodies(plan.scenario, places, streams, self._steps)
+        if 2 * self.bodies.radius >= plan.spacing:
+            raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
+        clock = SigningClock()
+        make = AUTOPILOTS[plan.autopilot]
+        self.stations = [
+            Station(
+                number,
+                make(number + 1, plan.origin, body, plan.boot),
+                [fault for fault in plan.faults if fault.drone in (number, ALL)],
+                rng,
+                key,
+                clock,
+            )
+            for number, (body, rng) in enumerate(
+                zip(self._look(), streams.communication.spawn(plan.vehicles), strict=True)
+            )
+        ]
+        self._ticks = 0
+        self._looked = (0.0, time.perf_counter())
+
+    @property
+    def time(self) -> float:
+        """s, simulated."""
+        return self._ticks * TICK
+
+    async def open(self) -> None:
+        """Open all endpoints, or none.
+
+        Raises:
+            LinkError: a port is in use.
+        """
+        plan = self.plan
+        try:
+            for station in self.stations:
+                port = plan.base_port + station.number if plan.base_port else 0
+                station.address = await station.endpoint.open(plan.bind, port)
+                if plan.to is not None:
+                    station.endpoint.peer(plan.to)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        for station in self.stations:
+            station.endpoint.close()
+
+    async def run(self, duration: float = math.inf, stop: Callable[[], bool] = lambda: False) -> None:
+        """Fly in real time, times the plan's speed, for `duration` simulated seconds or until `stop` says True."""
+        begun, done = time.perf_counter(), 0
+        period = TICK / self.plan.speed
+        while not stop() and self.time < duration - TICK / 2:
+            self.tick()
+            done += 1
+            wait = begun + done * period - time.perf_counter()
+            if wait < -_LATE_MAX:
+                begun, done = time.perf_counter(), 0
+            await asyncio.sleep(max(wait, 0))
+
+    def tick(self) -> None:
+        """Let all vehicles decide and move for TICK."""
+        self._ticks += 1
+        bodies = self.bodies
+        for station, body in zip(self.stations, self._look(), strict=True):
+            number, setpoint = station.number, station.step(self.time, body)
+            bodies.desired[0, number] = setpoint.velocity_x
+            bodies.desired[1, number] = setpoint.velocity_y
+            bodies.altitude[number] = setpoint.altitude
+            bodies.stopped[number] = setpoint.stopped
+            rotor = station.faults.value("motor_failure")
+            if rotor is not None:
+                bodies.stopped[number, int(rotor)] = 1
+            if station.faults.value("gps_loss") is not None:
+                bodies.velocity_error[:, number] += _BLIND_DRIFT * TICK
+        bodies.advance(self._steps)
+
+    def state(self) -> FleetState:
+        """How it goes."""
+        (before, wall_before), now = self._looked, time.perf_counter()
+        self._looked = (self.time, now)
+        vehicles = [station.vehicle for station in self.stations]
+        counts = [station.endpoint.counts for station in self.stations]
+        modes: dict[str, int] = {}
+        for vehicle in vehicles:
+            name = vehicle.mode_names.get(vehicle.mode, str(vehicle.mode))
+            modes[name] = modes.get(name, 0) + 1
+        return FleetState(
+            time=self.time,
+            real_time_factor=(self.time - before) / max(now - wall_before, 1e-9) / self.plan.speed,
+            armed=sum(vehicle.armed for vehicle in vehicles),
+            flying=sum(vehicle.phase != Phase.GROUND for vehicle in vehicles),
+            modes=modes,
+            received=sum(count.received for count in counts),
+            dropped=sum(count.dropped for count in counts),
+            lost=sum(count.lost for count in counts),
+            sent=sum(count.sent for count in counts),
+        )
+
+    def _look(self) -> list[Body]:
+        """The states of all bodies as they measure them."""
+        bodies = self.bodies
+        pose, motion = bodies.qpos.copy(), bodies.qvel.copy()
+        pose[:, :2] += bodies.position_error.T
+        motion[:, :2] += bodies.velocity_error.T
+        poses: list[list[float]] = pose.tolist()
+        motions: list[list[float]] = motion.tolist()
+        return [_body(pose, motion) for pose, motion in zip(poses, motions, strict=True)]
+
+
+def _body(pose: list[float], motion: list[float]) -> Body:
+    x, y, z, *turn = pose
+    vx, vy, vz, *rates = motion
+    quaternion: Any = tuple(turn)
+    body_rates: Any = tuple(rates)
+    return Body((x, y, z), (vx, vy, vz), quaternion, body_rates)

@@ -1,0 +1,1 @@
+"""A flight as it is simulated: built, stepped, snapshot, result."""

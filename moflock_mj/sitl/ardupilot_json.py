@@ -1,0 +1,176 @@
+"""ArduPilot's JSON interface: motor pulses come as UDP datagrams, sensors go back as a line of JSON.
+
+ArduPilot (started with `--model JSON:127.0.0.1`) sends to port 9002 + 10 I of its instance I, waits for the answer,
+and moves its own clock by it: little-endian u16 magic, u16 rate (Hz), u32 frame count, and 16 pulses of u16 us (magic
+18458) or 32 of them (magic 29569). It says the same again each second without an answer, and counts a frame for each
+answer (ArduPilot, libraries/SITL/examples/JSON/readme.md).
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.airframe import ROTORS
+from moflock_mj.sitl.interface import STILL, Link, Reading, listening
+from moflock_mj.sitl.motors import outputs_of_pwm
+
+BASE_PORT = 9002
+PORT_STEP = 10
+"""Between the ports of two instances."""
+
+RATE = 1200
+"""Hz: ArduPilot refuses to arm where its gyroscopes give less than some 720."""
+
+PWM_MAX = 2200
+"""us: the longest pulse that ArduPilot's outputs can be set to; a longer one is none."""
+
+_LAYOUTS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
+_MAGIC = struct.Struct("<H")
+_LARGEST = 256
+"""Bytes that are read of a datagram; every right one is shorter."""
+_REPEAT = 0.5
+"""s after an answer, from which the same frame means that the answer was lost; before, that the two crossed."""
+_LINE = (
+    '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.6f,%.6f,%.6f],'
+    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]}\n'
+)
+"""A line break on both sides: ArduPilot reads what stands between two."""
+
+
+class Pulses(NamedTuple):
+    """One datagram of ArduPilot's.
+
+    Attributes:
+        rate: Hz, at which it wants to be answered.
+        frame: counts the answers that it has taken.
+        pwm: us, of motors 1 to 4.
+    """
+
+    rate: int
+    frame: int
+    pwm: tuple[int, ...]
+
+
+def parse_pulses(packet: bytes) -> Pulses | None:
+    """The pulses of a datagram; None if it is no such one."""
+    if len(packet) < _MAGIC.size:
+        return None
+    layout = _LAYOUTS.get(_MAGIC.unpack_from(packet)[0])
+    if layout is None or len(packet) != layout.size:
+        return None
+    _, rate, frame, *pwm = layout.unpack(packet)
+    if max(pwm[:ROTORS]) > PWM_MAX:
+        return None
+    return Pulses(rate, frame, tuple(pwm[:ROTORS]))
+
+
+def sensor_line(since: float, reading: Reading, drone: int) -> bytes:
+    """The line that answers a datagram.
+
+    Args:
+        since: s, when the autopilot's clock began.
+        reading: of all drones.
+        drone: number.
+    """
+    motion = reading.motion
+    return (
+        _LINE
+        % (
+            reading.time - since,
+            *motion.gyro[drone].tolist(),
+            *motion.specific_force[drone].tolist(),
+            *motion.position[drone].tolist(),
+            *motion.attitude[drone].tolist(),
+            *motion.velocity[drone].tolist(),
+        )
+    ).encode()
+
+
+class ArduPilotLink(Link):
+    """The physics' side of one ArduPilot."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self._socket: socket.socket | None = None
+        self._peer: tuple[str, int] | None = None
+        self._frame = -1
+        self._answer = b""
+        self._answered = 0.0
+        self._since: float | None = None
+
+    def open(self, port: int) -> None:
+        self._socket = listening(socket.SOCK_DGRAM, "UDP", port)
+        self._socket.setblocking(False)
+
+    @property
+    def port(self) -> int:
+        return int(self._opened.getsockname()[1])
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def receive(self, timeout: float) -> None:
+        if timeout > 0:
+            select.select([self._opened], [], [], timeout)
+        while not self.ready:
+            try:
+                packet, address = self._opened.recvfrom(_LARGEST)
+            except BlockingIOError:
+                return
+            except ConnectionError:
+                continue  # an answer reached nobody: the autopilot has ended
+            self._take(packet, address)
+
+    def tell(self, reading: Reading) -> None:
+        if self._peer is None:
+            return
+        if self._since is None:
+            # A clock that began long ago would be a jump for an autopilot that has just started.
+            self._since = reading.time
+        self._answer = sensor_line(self._since, reading, self.number)
+        self._answered = time.monotonic()
+        self.ready = False
+        self._send()
+
+    @property
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise ValueError("the link is not open")
+        return self._socket
+
+    def _take(self, packet: bytes, address: tuple[str, int]) -> None:
+        pulses = parse_pulses(packet)
+        if pulses is None or (address != self._peer and not self._is_free()):
+            self.counts.dropped += 1
+            return
+        if address == self._peer and pulses.frame == self._frame:
+            if time.monotonic() - self._answered > _REPEAT:
+                self._send()
+                self._answered = time.monotonic()
+            return
+        if address != self._peer or pulses.frame < self._frame:
+            self.counts.restarts += self._peer is not None
+            self._since = None
+        self._peer, self._frame = address, pulses.frame
+        self.outputs = tuple(outputs_of_pwm(np.array(pulses.pwm, float)).tolist())
+        self.ready = True
+        self.counts.received += 1
+
+    def _is_free(self) -> bool:
+        """Whether another program may be this autopilot: there was none, or it does not answer."""
+        return self._peer is None or time.monotonic() - self._answered > _REPEAT
+
+    def _send(self) -> None:
+        if self._peer is not None:
+            try:
+                self._opened.sendto(self._answer, self._peer)
+            except OSError:
+                self.outputs = STILL  # it has ended; the lock-step will miss it

@@ -1,0 +1,291 @@
+"""N autopilots and one MuJoCo world in lock-step: it moves when all have given their outputs for the step.
+
+Who is silent for `PATIENCE` is left behind: its rotors stop, and the others go on. When it speaks again, it flies on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from controllers.airframe import ROTORS
+from moflock_mj.errors import FleetError, FlightError
+from moflock_mj.mavlink.frames import Origin
+from moflock_mj.scenario.effect_configs import Imu
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulation.initial_state import grid
+from moflock_mj.simulation.random_numbers import Streams
+from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.sitl import ardupilot_json, px4_hil
+from moflock_mj.sitl.interface import STILL, Link, Reading
+from moflock_mj.sitl.motors import CURVE, Motors
+from moflock_mj.sitl.sensors import Sensors
+
+PATIENCE = 5.0
+"""s of wall time that the world waits for one autopilot."""
+
+VEHICLES_MAX = 250
+_SPEED_MAX = 100.0
+_LATE_MAX = 0.5
+"""s by which the loop may be behind the clock before it gives up making good for it."""
+_GLANCE = 0.1
+"""s between two looks at whether to stop, while an autopilot is waited for."""
+_ABSENT_GLANCE = 0.1
+"""s, simulated, between two looks at those who were left behind."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Interface:
+    """How the physics speaks with one kind of autopilot.
+
+    Attributes:
+        link: makes the link of a drone.
+        base_port: of the first instance.
+        port_step: between two instances.
+        rate: Hz, of exchanges.
+        substeps: integration steps in one exchange.
+    """
+
+    link: Callable[[int], Link]
+    base_port: int
+    port_step: int
+    rate: int
+    substeps: int
+
+
+INTERFACES = {
+    "ardupilot": Interface(
+        link=ardupilot_json.ArduPilotLink,
+        base_port=ardupilot_json.BASE_PORT,
+        port_step=ardupilot_json.PORT_STEP,
+        rate=ardupilot_json.RATE,
+        substeps=1,
+    ),
+    "px4": Interface(
+        link=px4_hil.Px4Link,
+        base_port=px4_hil.BASE_PORT,
+        port_step=1,
+        rate=px4_hil.RATE,
+        substeps=4,
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PhysicsPlan:
+    """What is to be flown.
+
+    Attributes:
+        autopilot: of INTERFACES.
+        vehicles: their number.
+        port: of the first instance; None: the autopilot's own; 0: any that are free.
+        speed: simulated over real time; autopilots may have to be told it, too.
+        spacing: m, between neighbours of the grid in which they stand.
+        patience: s, see PATIENCE.
+        scenario: airframe, air, GPS errors, noise of the sensors.
+        seed: of the random numbers.
+        origin: the world's place on the globe.
+
+    Raises:
+        FleetError: a value is out of bounds.
+    """
+
+    autopilot: str
+    vehicles: int = 1
+    port: int | None = None
+    speed: float = 1.0
+    spacing: float = 12.0
+    patience: float = PATIENCE
+    scenario: Scenario = dataclasses.field(default_factory=Scenario)
+    seed: int = 1
+    origin: Origin = dataclasses.field(default_factory=Origin)
+
+    def __post_init__(self) -> None:
+        if self.autopilot not in INTERFACES:
+            raise FleetError(f"physics-for: {self.autopilot!r} must be one of {', '.join(INTERFACES)}")
+        reach = self.interface.port_step * (self.vehicles - 1)
+        bounds = {
+            "vehicles": (1, VEHICLES_MAX),
+            "port": (0, 65535 - reach),
+            "speed": (0.01, _SPEED_MAX),
+            "spacing": (0.01, 1000.0),
+            "patience": (0.05, 3600.0),
+            "seed": (0, math.inf),
+        }
+        for name, (low, high) in bounds.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                limits = f"from {low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
+                raise FleetError(f"{name}: {value:g} is out of bounds: it must be {limits}")
+
+    @property
+    def interface(self) -> Interface:
+        """How the physics speaks with the autopilots."""
+        return INTERFACES[self.autopilot]
+
+    def ports(self) -> list[int]:
+        """Where the physics listens for each vehicle; 0 where any port will do."""
+        interface = self.interface
+        base = interface.base_port if self.port is None else self.port
+        return [base + interface.port_step * number if base else 0 for number in range(self.vehicles)]
+
+
+class LockStep:
+    """The world, its autopilots, and the exchange between them.
+
+    Args:
+        plan: what is flown.
+        notice: told, in a line, who comes, goes and begins anew.
+        ended: tells of a drone, by its number, how its autopilot's program has ended; None while it runs, or may run.
+
+    Attributes:
+        bodies: what moves.
+        links: to the autopilots.
+        time: s, simulated, since all were there.
+
+    Raises:
+        MoflockError: the airframe or the scenario cannot be flown so.
+    """
+
+    def __init__(
+        self,
+        plan: PhysicsPlan,
+        notice: Callable[[str], None] = lambda _line: None,
+        ended: Callable[[int], str | None] = lambda _number: None,
+    ) -> None:
+        self.plan = plan
+        interface = plan.interface
+        self.period = 1 / interface.rate
+        # Its other periods have no part here, and need not fit the autopilot's.
+        scenario = plan.scenario.replace(
+            step=self.period / interface.substeps, imu=None, drones=plan.vehicles,
+            duration=1e6, sample_period=0.1, warm_up=0.0, t_del=0.0,
+        )  # fmt: skip
+        streams = Streams.of(plan.seed)
+        places = grid(plan.vehicles, plan.spacing)
+        self._substeps = interface.substeps
+        self.bodies = LiveBodies(scenario, places, streams, interface.substeps, piloted=False)
+        if 2 * self.bodies.radius >= plan.spacing:
+            raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
+        self._motors = Motors(self.bodies.airframe, CURVE[plan.autopilot])
+        self._sensors = Sensors(self.bodies, plan.scenario.imu or Imu(), self.period, plan.origin, streams)
+        self.links = [interface.link(number) for number in range(plan.vehicles)]
+        self._outputs = np.zeros((plan.vehicles, ROTORS))
+        self._notice, self._ended = notice, ended
+        self._exchanges = 0
+        self._looked = (0.0, time.perf_counter())
+
+    @property
+    def time(self) -> float:
+        return self._exchanges * self.period
+
+    def open(self) -> None:
+        """Listen for all autopilots, or for none.
+
+        Raises:
+            LinkError: a port is in use.
+        """
+        try:
+            for link, port in zip(self.links, self.plan.ports(), strict=True):
+                link.open(port)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        for link in self.links:
+            link.close()
+
+    def gather(self, stop: Callable[[], bool]) -> bool:
+        """Wait until every autopilot has spoken once; returns False if `stop` said True before.
+
+        Raises:
+            FleetError: an autopilot's program has ended.
+        """
+        for link in self.links:
+            while not link.ready:
+                if stop():
+                    return False
+                link.receive(_GLANCE)
+                end = None if link.ready else self._ended(link.number)
+                if end is not None:
+                    raise FleetError(f"autopilot {link.number}: {end}")
+            link.present = True
+        return True
+
+    def run(self, duration: float = math.inf, stop: Callable[[], bool] = lambda: False) -> None:
+        """Fly in real time, times the plan's speed, for `duration` simulated seconds or until `stop` says True."""
+        begun, done = time.perf_counter(), 0
+        period = self.period / self.plan.speed
+        while not stop() and self.time < duration - self.period / 2:
+            if not self.step(stop):
+                break
+            done += 1
+            wait = begun + done * period - time.perf_counter()
+            if wait < -_LATE_MAX:
+                begun, done = time.perf_counter(), 0
+            elif wait > 0:
+                time.sleep(wait)
+
+    def step(self, stop: Callable[[], bool] = lambda: False) -> bool:
+        """One exchange: outputs of all, motion, sensors to all; returns False if `stop` said True while it waited.
+
+        Raises:
+            FlightError: the state of the bodies is no longer finite.
+        """
+        if not self._wait_for_outputs(stop):
+            return False
+        for link in self.links:
+            self._outputs[link.number] = link.outputs if link.present else STILL
+        self._motors.command(self._outputs, self.bodies.thrust_command)
+        self.bodies.advance(self._substeps)
+        self._exchanges += 1
+        if not math.isfinite(self.bodies.qpos.sum()):
+            raise FlightError(f"at {self.time:.3f} s the state is no longer finite: a rotor too strong for the step?")
+        surroundings = functools.cache(self._sensors.surroundings)
+        reading = Reading(self.time, self._sensors.motion(), surroundings, self.plan.origin)
+        for link in self.links:
+            if link.present:
+                link.tell(reading)
+        return True
+
+    def real_time_factor(self) -> float:
+        """Simulated over wall time since the look before, 1 at the plan's speed."""
+        (before, wall_before), now = self._looked, time.perf_counter()
+        self._looked = (self.time, now)
+        return (self.time - before) / max(now - wall_before, 1e-9) / self.plan.speed
+
+    def _wait_for_outputs(self, stop: Callable[[], bool]) -> bool:
+        began = None
+        for link in self.links:
+            if not link.present:
+                self._glance(link)
+                continue
+            link.receive(0.0)
+            while not link.ready:
+                began = began or time.monotonic()
+                reason = self._ended(link.number)
+                if reason is None and time.monotonic() - began > self.plan.patience:
+                    reason = f"it has not answered for {self.plan.patience:g} s"
+                if reason is not None:
+                    link.present, link.outputs = False, STILL
+                    self._notice(f"autopilot {link.number} at {self.time:.1f} s: {reason}; its rotors stop")
+                    break
+                if stop():
+                    return False
+                link.receive(min(_GLANCE, self.plan.patience))
+        return True
+
+    def _glance(self, link: Link) -> None:
+        """Look, now and then, whether one that was left behind speaks again."""
+        if self._exchanges % round(_ABSENT_GLANCE / self.period):
+            return
+        link.receive(0.0)
+        if link.ready:
+            link.present = True
+            self._notice(f"autopilot {link.number} at {self.time:.1f} s: it is there again")

@@ -1,0 +1,1 @@
+"""Flights as figures, pages and live views, without OpenGL."""

@@ -1,0 +1,51 @@
+"""What a flight is called, and the words that stand beside its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.parameters.points import named_point, point_names
+from moflock_mj.simulation.results import AnyFlight, kept_samples
+
+_DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses", "deployed": "deployed"}
+
+
+def flight_names(flights: Sequence[AnyFlight]) -> list[str]:
+    """What the flights are called, each differently: their points, else their dynamics or seeds, else a number."""
+    points = [_point_name(flight.params) for flight in flights]
+    kinds = [f"{point}, {_DYNAMICS[flight.dynamics]}" for point, flight in zip(points, flights, strict=True)]
+    seeds = [f"{point}, seed {flight.seed}" for point, flight in zip(points, flights, strict=True)]
+    logs = [Path(flight.log).stem if flight.log else "" for flight in flights]
+    for names in (points, kinds, seeds, logs):
+        if len(set(names)) == len(flights):
+            return names
+    return [f"{point} ({number})" for number, point in enumerate(points, start=1)]
+
+
+def conditions(flight: AnyFlight) -> str:
+    """What was flown, for how long, from which seed."""
+    scenario, flown = flight.scenario, kept_samples(flight).t[-1]
+    lasting = f"{flown:g} s" if flown >= scenario.duration - 1e-6 else f"{flown:g} of {scenario.duration:g} s"
+    place = getattr(flight.params, "target_x", None), getattr(flight.params, "target_y", None)
+    target = "" if place[0] is None else f", target at ({place[0]:g}, {place[1]:g}) m"
+    return f"{flight.flock_name}, {scenario.arena_side:g} m arena{target}, {lasting}, seed {flight.seed}"
+
+
+def figures(flight: AnyFlight) -> str:
+    """The two objectives, and what went wrong in the flight."""
+    touches = sum(event.level == "error" for event in flight.events)
+    close = sum(event.level == "warning" for event in flight.events)
+    wrong = f"{_count(touches, 'touch', 'touches')}, {_count(close, 'near miss', 'near misses')}"
+    return f"F_1 = {flight.fitness.F_1:.3f}, F_2 = {flight.fitness.F_2:.3f}; {wrong}"
+
+
+def _point_name(params: FlockingParams) -> str:
+    """A named point, or none of them."""
+    names = [name for name in point_names() if named_point(name) == params[:12]]
+    return f"point {names[0]}" if names and len(names[0]) == 1 else names[0] if names else "own point"
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"

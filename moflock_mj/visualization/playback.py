@@ -1,0 +1,266 @@
+"""A flight as something to look at: where each drone is at a time, in which colour, and what a legend says of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moflock_mj.dynamics.airframe_models import load_airframe
+from moflock_mj.errors import RenderError
+from moflock_mj.metrics.events import FlightEvent
+from moflock_mj.metrics.fitness import fitness_of
+from moflock_mj.metrics.samples import Samples
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.visualization.colours import Legend, LegendEntry, colour_drones
+from moflock_mj.world.square import SquareArena
+
+TRAIL_SECONDS = 10.0
+"""How far back a trail reaches, in s of the flight."""
+
+_TRAIL_PERIOD = 0.5
+"""Time between two corners of a trail, s; they stay where they are, so that a trail does not shimmer as it grows."""
+
+_MOST_FLIGHTS = 2
+_TRACK_ARRAYS = ("t", "position", "quaternion", "velocity", "rgb", "objectives")
+
+
+class Recorded(Protocol):
+    """What is asked of a flight: that of `fly`, or one read from a log.
+
+    A flight may also have `quaternion`, (T, N, 4), wxyz, from body to world; else its drones are drawn upright. It may
+    have `log`, a path whose stem names it.
+    """
+
+    @property
+    def scenario(self) -> Scenario: ...
+
+    @property
+    def samples(self) -> Samples | None: ...
+
+    @property
+    def events(self) -> Sequence[FlightEvent]: ...
+
+
+class Moment(NamedTuple):
+    """A flock at one time.
+
+    Attributes:
+        position: (N, 3), m, world.
+        quaternion: (N, 4), wxyz, from body to world.
+        velocity: (N, 3), m/s, world.
+        rgb: (N, 3), u8.
+    """
+
+    position: NDArray[np.float32]
+    quaternion: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    rgb: NDArray[np.uint8]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Track:
+    """One flight as it is drawn, T samples of N drones.
+
+    Attributes:
+        name: what the legend calls it.
+        airframe: of its drones.
+        t: (T,), s.
+        position: (T, N, 3), m, world.
+        quaternion: (T, N, 4), wxyz, from body to world.
+        velocity: (T, N, 3), m/s, world.
+        rgb: (T, N, 3), u8.
+        objectives: (T, 2), running F_1 and F_2.
+    """
+
+    name: str
+    airframe: str
+    t: NDArray[np.float64]
+    position: NDArray[np.float32]
+    quaternion: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    rgb: NDArray[np.uint8]
+    objectives: NDArray[np.float64]
+
+    @property
+    def drones(self) -> int:
+        return int(self.position.shape[1])
+
+    def at(self, time: float) -> Moment:
+        """The flock at a time in s: between samples on a straight line, beyond the first and the last at rest there."""
+        before, after, share = self._between(time)
+        to = self.quaternion[after]
+        # A quaternion and its negative are one orientation; the shorter way leads to the one on this side.
+        side = np.where(np.sum(self.quaternion[before] * to, axis=-1, keepdims=True) < 0, -1, 1)
+        quaternion = (1 - share) * self.quaternion[before] + share * side * to
+        return Moment(
+            position=(1 - share) * self.position[before] + share * self.position[after],
+            quaternion=quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True),
+            velocity=(1 - share) * self.velocity[before] + share * self.velocity[after],
+            rgb=self.rgb[after if share > 0.5 else before],
+        )
+
+    def trail(self, time: float) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """The way of each drone up to a time in s: P + 1 corners (P + 1, N, 3), m, and colours between, (P, N, 3)."""
+        time = float(np.clip(time, self.t[0], self.t[-1]))
+        oldest = max(time - TRAIL_SECONDS, float(self.t[0]))
+        corners = np.arange(np.ceil(oldest / _TRAIL_PERIOD) * _TRAIL_PERIOD, time - 1e-9, _TRAIL_PERIOD)
+        samples = np.clip(np.searchsorted(self.t, corners - 1e-9), 0, self.t.size - 1)
+        head = self.at(time).position
+        return np.concatenate([self.position[samples], head[None]]), self.rgb[samples]
+
+    def _between(self, time: float) -> tuple[int, int, float]:
+        """The samples before and after a time, and the share of the way from one to the other."""
+        after = int(np.clip(np.searchsorted(self.t, time), 0, self.t.size - 1))
+        before = max(after - 1, 0)
+        span = float(self.t[after] - self.t[before])
+        return before, after, float(np.clip((time - self.t[before]) / span, 0, 1)) if span else 0.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Playback:
+    """One flight, or two in one arena, ready to be drawn.
+
+    Attributes:
+        tracks: of the flights.
+        outline: (M, 2), m, world, corners of the arena in order.
+        altitude: m, at which the flocks fly.
+        v_flock: m/s, the speed that they strive for.
+        legend: what the colours mean.
+        events: time in s and a line about it, in order of time.
+        followed: the drone of the first flight that comes closest to another one.
+        drone_width: m, across the largest airframe.
+    """
+
+    tracks: tuple[Track, ...]
+    outline: NDArray[np.float64]
+    altitude: float
+    v_flock: float
+    legend: Legend
+    events: tuple[tuple[float, str], ...]
+    followed: int
+    drone_width: float
+
+    @property
+    def begin(self) -> float:
+        """Time of the first sample, s."""
+        return float(min(track.t[0] for track in self.tracks))
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample, s."""
+        return float(max(track.t[-1] for track in self.tracks))
+
+    def event_at(self, time: float, lasting: float) -> str:
+        """The latest event of the last `lasting` s before a time in s, or nothing."""
+        recent = [text for when, text in self.events if time - lasting <= when <= time + 1e-9]
+        return recent[-1] if recent else ""
+
+    def save(self, folder: Path) -> None:
+        """Write it for other processes: JSON, and an .npy file per array, which they can map into memory."""
+        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        plain["outline"] = self.outline.tolist()
+        plain["tracks"] = [{"name": track.name, "airframe": track.airframe} for track in self.tracks]
+        (folder / "playback.json").write_text(json.dumps(plain), encoding="utf-8")
+        for number, track in enumerate(self.tracks):
+            for name in _TRACK_ARRAYS:
+                np.save(folder / f"{number}_{name}.npy", getattr(track, name), allow_pickle=False)
+
+    @classmethod
+    def load(cls, folder: Path) -> Playback:
+        """Read what `save` wrote."""
+        plain: dict[str, Any] = json.loads((folder / "playback.json").read_text(encoding="utf-8"))
+        plain["tracks"] = tuple(
+            Track(**about, **{name: np.load(folder / f"{number}_{name}.npy", mmap_mode="r") for name in _TRACK_ARRAYS})
+            for number, about in enumerate(plain["tracks"])
+        )
+        plain["outline"] = np.array(plain["outline"])
+        plain["legend"] = tuple(LegendEntry(*entry) for entry in plain["legend"])
+        return cls(**plain)
+
+
+def playback_of(
+    flights: Recorded | Sequence[Recorded], *, colour: str = "speed", names: Sequence[str] | None = None
+) -> Playback:
+    """Prepare one flight, or two to be compared.
+
+    Args:
+        flights: flights with samples; two share one arena, and each has its own colour.
+        colour: what the drones' colour tells, "speed" or "danger".
+        names: of the flights; their logs' by default.
+
+    Raises:
+        RenderError: no samples, too many flights, different arenas, or an unknown colour.
+    """
+    flights = list(flights) if isinstance(flights, Sequence) else [flights]
+    samples = _check_flights(flights)
+    scenarios = [flight.scenario for flight in flights]
+    names = _distinct(names or [_name(flight, number) for number, flight in enumerate(flights, start=1)])
+    if len(names) != len(flights):
+        raise RenderError(f"names: {len(names)} given for {len(flights)} flights")
+    coloured = colour_drones(samples, scenarios, names, colour)
+    tracks = tuple(_track(*parts) for parts in zip(flights, samples, names, coloured.rgb, strict=True))
+    events = [
+        (event.time_ns / 1e9, event.message if len(flights) == 1 else f"{name}: {event.message}")
+        for name, flight in zip(names, flights, strict=True)
+        for event in flight.events
+    ]
+    first = scenarios[0]
+    return Playback(
+        tracks=tracks,
+        outline=SquareArena(first.arena_side).outline(),
+        altitude=first.altitude,
+        v_flock=first.v_flock,
+        legend=coloured.legend,
+        events=tuple(sorted(events)),
+        followed=int(np.argmin(np.min(coloured.clearance[0], axis=0))),
+        drone_width=max(2 * load_airframe(scenario.airframe).radius for scenario in scenarios),
+    )
+
+
+def _check_flights(flights: list[Recorded]) -> list[Samples]:
+    """The samples of flights that can be drawn together."""
+    if not 1 <= len(flights) <= _MOST_FLIGHTS:
+        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MOST_FLIGHTS}")
+    sides = {flight.scenario.arena_side for flight in flights}
+    if len(sides) > 1:
+        first, second = (f"{flight.scenario.arena_side:g} m" for flight in flights)
+        raise RenderError(f"flights: arena_side is {first} in one and {second} in the other; they must share one arena")
+    samples = [flight.samples for flight in flights if flight.samples is not None and flight.samples.t.size]
+    if len(samples) < len(flights):
+        raise RenderError("flights: one has no samples, must have 1 or more; fly with keep_samples, or read its log")
+    return samples
+
+
+def _name(flight: Recorded, number: int) -> str:
+    log = getattr(flight, "log", None)
+    return Path(log).stem if log else f"flight {number}"
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names, numbered where two are the same."""
+    if len(set(names)) == len(names):
+        return list(names)
+    return [f"{name} ({number})" for number, name in enumerate(names, start=1)]
+
+
+def _track(flight: Recorded, samples: Samples, name: str, rgb: NDArray[np.uint8]) -> Track:
+    quaternion = getattr(flight, "quaternion", None)
+    if quaternion is None:
+        quaternion = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*samples.position.shape[:2], 4))
+    fitness = fitness_of(samples.order_parameters, flight.scenario)
+    return Track(
+        name=name,
+        airframe=flight.scenario.airframe,
+        t=samples.t,
+        position=samples.position.astype(np.float32),
+        quaternion=quaternion.astype(np.float32),
+        velocity=samples.velocity.astype(np.float32),
+        rgb=rgb,
+        objectives=np.stack([fitness.F_1, fitness.F_2], axis=-1),
+    )

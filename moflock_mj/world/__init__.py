@@ -1,0 +1,1 @@
+"""Where the flock flies: true state, constants, arenas, obstacles."""

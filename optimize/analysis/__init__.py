@@ -1,0 +1,1 @@
+"""Statistics of evaluations: PCA, sensitivity, published values."""

@@ -1,0 +1,208 @@
+"""What the commands of `commands` do, from their arguments to what they print."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from moflock_mj.cli.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
+from moflock_mj.errors import SearchError
+from optimize.cli.options import (
+    _FRONT_SEEDS,
+    CORES,
+    BoundsFile,
+    Duration,
+    Scheduler,
+    Workers,
+    given_bounds,
+    refuse_with_resume,
+)
+
+if TYPE_CHECKING:
+    from optimize.search.configuration import Configuration
+
+commands = typer.Typer()
+
+
+class Algorithm(enum.StrEnum):
+    """Who searches."""
+
+    NSGA2 = "nsga2"
+    UNSGA3 = "unsga3"
+    CMAES = "cmaes"
+    PSO = "pso"
+
+
+class Noise(enum.StrEnum):
+    """What is done about the scatter from seed to seed."""
+
+    REFLY = "refly"
+    COMMON = "common"
+    FIXED = "fixed"
+
+
+_OPTIMIZE_EXAMPLE = (
+    "Example: moflock optimize --algorithm nsga2 --budget 2000; moflock optimize --dynamics rigid_body --screen "
+    "--start-from logs/optimize-...; moflock optimize --resume RUN"
+)
+
+
+@commands.command("optimize", epilog=_OPTIMIZE_EXAMPLE)
+def optimize_command(
+    algorithm: Annotated[Algorithm | None, typer.Option(help="Who searches; nsga2 if absent.")] = None,
+    budget: Annotated[int | None, typer.Option(help="Flights; 2000 if absent.")] = None,
+    population: Annotated[int | None, typer.Option(help="Points per generation; 50 if absent.")] = None,
+    seeds: Annotated[int | None, typer.Option(help="Flights per evaluation; 1 if absent.")] = None,
+    noise: Annotated[
+        Noise | None, typer.Option(help="New seeds for each evaluation, common ones, or fixed ones; refly if absent.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of the search; 1 if absent.")] = None,
+    dynamics: Annotated[Dynamics | None, typer.Option(help="What moves the drones; point_mass if absent.")] = None,
+    objectives: Annotated[Path | None, typer.Option(help="File that moflock pca wrote; the paper's if absent.")] = None,
+    coverage: Annotated[bool, typer.Option("--coverage", help="Maximise the share of the arena that is seen too.")] = (
+        False
+    ),
+    unbounded: Annotated[bool, typer.Option("--unbounded", help="Let cmaes leave the bounds.")] = False,
+    screen: Annotated[
+        bool, typer.Option("--screen", help="Fly all that is bred on point masses, and only the promising on bodies.")
+    ] = False,
+    start_from: Annotated[
+        list[str] | None,
+        typer.Option(help="Begin with this point or search's front: named, .json, directory; may repeat."),
+    ] = None,
+    scenario: ScenarioFile = None,
+    drones: Drones = None,
+    duration: Duration = None,
+    bounds: BoundsFile = None,
+    timeout: Annotated[float | None, typer.Option(help="Wall time of an evaluation, s; 600 if absent.")] = None,
+    front_seeds: Annotated[int, typer.Option(help="Fresh seeds for the front at the end; 0 for none.", min=0)] = (
+        _FRONT_SEEDS
+    ),
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+    out: Annotated[Path | None, typer.Option(help="Run directory; a new one in logs/ if absent.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Go on with this run.", metavar="RUN")] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Search the 12 parameters, and fly the front that was found again on fresh seeds."""
+    from optimize.cli.console import new_run_path
+
+    if front_seeds == 1:
+        raise SearchError("front_seeds: 1 is out of bounds: it must be 0 or at least 2")
+    settings: dict[str, Any] = {
+        "algorithm": algorithm,
+        "budget": budget,
+        "population": population,
+        "seeds": seeds,
+        "noise": noise,
+        "seed": seed,
+        "dynamics": dynamics,
+        "unbounded": unbounded or None,
+        "screen": screen or None,
+        "timeout": timeout,
+    }
+    given = {name: value for name, value in settings.items() if value is not None}
+    files: dict[str, Any] = {
+        "objectives": objectives,
+        "scenario": scenario,
+        "drones": drones,
+        "duration": duration,
+        "bounds": bounds,
+        "start_from": start_from or None,
+    }
+    if resume is not None:
+        refuse_with_resume(given | files | {"out": out, "coverage": coverage or None})
+        configuration, path = None, resume
+    else:
+        configuration = _configuration(given, coverage=coverage, **files)
+        path = out or new_run_path(configuration.settings.algorithm)
+    return optimize(path, configuration, workers=workers, scheduler=scheduler, seeds=front_seeds, as_json=as_json)
+
+
+def optimize(
+    path: Path,
+    configuration: Configuration | None,
+    *,
+    workers: int,
+    scheduler: str | None,
+    seeds: int,
+    as_json: bool,
+) -> int:
+    """Search, then fly the front again on fresh seeds; Ctrl-C ends it so that it can be resumed.
+
+    Args:
+        path: the run directory: a new one, or with no configuration one that is resumed.
+        configuration: of a new search.
+        workers: local processes.
+        scheduler: address of a Dask scheduler that has the workers instead.
+        seeds: fresh seeds for the front; 0 for none.
+        as_json: whether to print JSON.
+
+    Raises:
+        MoflockError: what was asked for cannot be searched, or written.
+    """
+    from moflock_mj.cli.console import stop_on_interrupt
+    from moflock_mj.cli.options import INTERRUPTED
+    from optimize.cli.console import flights_progress, front_summary, print_search, search_progress, search_summary
+    from optimize.search.findings import flown_front
+    from optimize.search.run_directory import RunDirectory
+    from optimize.search.search import crews, search
+
+    with contextlib.ExitStack() as resources:
+        if configuration is None:
+            run = resources.enter_context(RunDirectory.open(path))
+            executor, screening = crews(run.configuration, workers, scheduler, resources)
+        else:  # workers first: a search that nobody can fly leaves no directory
+            executor, screening = crews(configuration, workers, scheduler, resources)
+            run = resources.enter_context(RunDirectory.create(path, configuration))
+        if (damaged := run.count_damaged()) and not as_json:
+            print(f"{damaged} evaluations of the archive are damaged, and are flown again", file=sys.stderr)
+        with search_progress(run.configuration) as progress, stop_on_interrupt() as interrupted:
+            result = search(run, executor, progress, interrupted, screening=screening)
+        front = None
+        if result.complete and seeds:
+            with flights_progress("front on fresh seeds") as told:
+                front = flown_front(run, executor, seeds, told)
+    summary = search_summary(result, run.configuration, path)
+    if as_json:
+        print(json.dumps(summary | {"flown_front": front_summary(front) if front else None}, indent=1))
+    else:
+        print_search(result, run.configuration, path, front)
+    return 0 if result.complete else INTERRUPTED
+
+
+def _configuration(
+    given: dict[str, Any],
+    *,
+    coverage: bool,
+    objectives: Path | None,
+    scenario: Path | None,
+    drones: int | None,
+    duration: float | None,
+    bounds: Path | None,
+    start_from: list[str] | None,
+) -> Configuration:
+    from moflock_mj.analysis.identification import calibrated
+    from optimize.evaluation.evaluation import search_scenario
+    from optimize.evaluation.objectives import PAPER, load_objectives
+    from optimize.search.configuration import Configuration, Settings
+    from optimize.search.parameter_sources import read_points
+
+    settings = Settings(**given)
+    flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
+    if settings.screen:
+        flown = calibrated(flown)
+    wanted = load_objectives(objectives, flown) if objectives else PAPER
+    return Configuration(
+        scenario=flown,
+        bounds=given_bounds(bounds),
+        objectives=wanted.with_coverage() if coverage else wanted,
+        settings=settings,
+        start=tuple(read_points(start_from or [])[0].values()),
+    )

@@ -1,0 +1,134 @@
+"""What `moflock validate` and `moflock identify` do, from its arguments to what it prints."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from moflock_mj.cli.options import AsJson, Drones, ScenarioFile, given_scenario
+from optimize.cli.options import (
+    CORES,
+    Duration,
+    Scheduler,
+    Workers,
+    refuse_with_resume,
+)
+
+if TYPE_CHECKING:
+    from optimize.validation.validation import Settings, Validation
+
+commands = typer.Typer()
+
+
+_VALIDATE_EXAMPLE = "Example: moflock validate A knee logs/optimize-... --seeds 20; moflock validate --resume RUN"
+
+
+@commands.command("validate", epilog=_VALIDATE_EXAMPLE)
+def validate_command(
+    points: Annotated[
+        list[str] | None, typer.Argument(help="Named points, .json files, searches' directories.", metavar="POINT...")
+    ] = None,
+    seeds: Annotated[int | None, typer.Option(help="Flights of each point on each dynamics; 20 if absent.")] = None,
+    faults: Annotated[bool, typer.Option("--faults", help="Fly the standard faults on bodies too.")] = False,
+    fault_seeds: Annotated[int | None, typer.Option(help="Flights of each point with each fault; 5 if absent.")] = None,
+    scenario: ScenarioFile = None,
+    drones: Drones = None,
+    duration: Duration = None,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+    out: Annotated[Path | None, typer.Option(help="Directory; a new one in logs/ if absent.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Go on with this validation.", metavar="RUN")] = None,
+    logs: Annotated[bool, typer.Option(help="Log the worst seed of each point.")] = True,
+    as_json: AsJson = False,
+) -> int:
+    """Fly points on point masses and on rigid bodies, and say which are safe to fly and which faults they survive."""
+    from optimize.validation.validation import FAULT_SEEDS, make_settings
+
+    if resume is not None:
+        given: dict[str, Any] = {"points": points or None, "seeds": seeds, "scenario": scenario}
+        given |= {"drones": drones, "duration": duration, "out": out}
+        given |= {"faults": faults or None, "fault_seeds": fault_seeds}
+        refuse_with_resume(given)
+        settings, path = None, resume
+    else:
+        flown = given_scenario(scenario, drones=drones, duration=duration)
+        count = _SEEDS if seeds is None else seeds
+        wanted = fault_seeds if fault_seeds is not None else min(FAULT_SEEDS, count) * faults
+        settings = make_settings(flown, points or [], count, wanted)
+        path = out or new_validation_path()
+    return validate(path, settings, workers=workers, scheduler=scheduler, logs=logs, as_json=as_json)
+
+
+def new_validation_path() -> Path:
+    """A directory in logs/ that is named for now."""
+    return Path("logs") / f"validate-{datetime.datetime.now().astimezone():%Y%m%d-%H%M%S}"
+
+
+def validate(
+    path: Path, settings: Settings | None, *, workers: int, scheduler: str | None, logs: bool, as_json: bool
+) -> int:
+    """Fly points on both dynamics, judge them, and write all that was found; Ctrl-C ends it so that it can be resumed.
+
+    Args:
+        path: a new directory, or with no settings one that is resumed.
+        settings: of a new validation.
+        workers: local processes.
+        scheduler: address of a Dask scheduler that has the workers instead.
+        logs: whether the worst seed of each point is logged.
+        as_json: whether to print JSON.
+
+    Returns:
+        Exit status: 0, or 1 if a point is unsafe.
+
+    Raises:
+        MoflockError: what was asked for cannot be flown or written.
+    """
+    from moflock_mj.cli.options import INTERRUPTED
+    from moflock_mj.metrics.verdict import UNSAFE
+    from optimize.cli.console import TERMINAL
+    from optimize.reports.validation_page import write
+    from optimize.validation.run import crews, validated
+    from optimize.validation.validation import ValidationDirectory
+
+    with contextlib.ExitStack() as resources:
+        if settings is None:
+            run = resources.enter_context(ValidationDirectory.open(path))
+            executors = crews(run.settings, workers, scheduler, resources)
+        else:  # workers first: what nobody can fly leaves no directory
+            settings.check_flyable()
+            executors = crews(settings, workers, scheduler, resources)
+            run = resources.enter_context(ValidationDirectory.create(path, settings))
+        found, logged = validated(run, executors, logs=logs, terminal=TERMINAL)
+    if found is None:
+        print(f"stopped; go on with: moflock validate --resume {path}", file=sys.stderr)
+        return INTERRUPTED
+    content = write(found, logged, path)
+    if as_json:
+        print(content, end="")
+    else:
+        print_validation(found, logged, path)
+    return int(any(verdict.name == UNSAFE for verdict in found.verdicts))
+
+
+def print_validation(found: Validation, logs: Mapping[str, Path], path: Path) -> None:
+    """Print the tables and where the rest is."""
+    from rich.console import Console
+
+    from optimize.reports.tables import rich_table
+    from optimize.reports.validation_page import FAULT_LEGEND, LEGEND, PAGE, tables, verdict_lines
+
+    console = Console()
+    for words in tables(found):
+        console.print(rich_table(words))
+    for line in (LEGEND, *[FAULT_LEGEND] * bool(found.faults), *verdict_lines(found, logs)):
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print(f"page: {path / PAGE}", highlight=False, soft_wrap=True)
+
+
+_SEEDS = 20

@@ -1,0 +1,1 @@
+"""What one parameter set is worth: flights, objectives, executors, archive."""

@@ -1,0 +1,323 @@
+"""A directory of evaluations, such as a search's: a configuration, and an archive of one row each that survives kills.
+
+The archive is SQLite with a write-ahead log: each evaluation is committed when it comes, a killed process loses none
+that was, and the file can be read while the search runs. Each row carries a checksum, which SQLite's pages lack.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import importlib.metadata
+import json
+import math
+import os
+import sqlite3
+import time
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.errors import MoflockError, SearchError
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.evaluation import Evaluation
+
+_COLUMNS = (
+    "number INTEGER PRIMARY KEY",
+    "generation INTEGER NOT NULL",
+    *(f"{name} REAL NOT NULL" for name in FlockingParams._fields),
+    "seeds TEXT NOT NULL",  # JSON, [S]
+    "order_parameters TEXT NOT NULL",  # JSON, [S][6]
+    "fitness TEXT NOT NULL",  # JSON, [S][6 or 7]
+    "figures TEXT NOT NULL",  # JSON, [S][F]
+    "seconds REAL NOT NULL",
+    "worker TEXT NOT NULL",
+    "outcome TEXT NOT NULL",
+    "flown_at REAL NOT NULL",  # s since 1970
+    "checksum INTEGER NOT NULL",
+)
+
+
+_NAMES = tuple(column.split()[0] for column in _COLUMNS)
+
+
+Read = TypeVar("Read")
+"""What is made of a directory's configuration."""
+
+
+_INSERT = f"INSERT OR REPLACE INTO evaluations VALUES ({','.join('?' * len(_NAMES))})"
+
+
+_SMALLEST_ROW = 100
+"""Bytes; the 12 parameters alone take nearly as many."""
+
+
+class Entry(NamedTuple):
+    """A row of the archive.
+
+    Attributes:
+        generation: of the algorithm, from 0.
+        evaluation: what was flown.
+        flown_at: s since 1970.
+    """
+
+    generation: int
+    evaluation: Evaluation
+    flown_at: float
+
+
+class Archive:
+    """A directory with the evaluations flown so far; close it, or use it in a `with`.
+
+    Args:
+        path: the directory.
+        database: the archive's file in it.
+
+    Attributes:
+        path: the directory.
+        damaged: number of rows that could not be read when it was opened; who resumes flies them again.
+    """
+
+    def __init__(self, path: Path, database: str = "archive.sqlite") -> None:
+        self.path = path
+        self._database = path / database
+        self.damaged = 0
+        with _as_search_error(self._database):
+            self._connection = self._connect()
+
+    def repair(self) -> None:
+        """Replace a damaged archive by one of its intact rows; the damaged one stays beside it.
+
+        Raises:
+            SearchError: it cannot be written.
+        """
+        if not self.damaged:
+            return
+        with _as_search_error(self._database):
+            rows = [_row_of(entry) for entry in self._intact()]
+            self._connection.close()
+            for ending in ("-wal", "-shm"):
+                Path(f"{self._database}{ending}").unlink(missing_ok=True)
+            self._database.replace(self._database.with_suffix(".damaged"))
+            self._connection = self._connect()
+            with self._connection:
+                self._connection.executemany(_INSERT, rows)
+        self.damaged = 0
+
+    def append(self, evaluation: Evaluation, generation: int) -> None:
+        """Commit one evaluation; a row of the same number is replaced.
+
+        Raises:
+            SearchError: it cannot be written, such as on a full disk; what was committed before stays.
+        """
+        row = _row_of(Entry(generation, evaluation, time.time()))
+        with _as_search_error(self._database), self._connection:
+            self._connection.execute(_INSERT, row)
+
+    def entries(self) -> Iterator[Entry]:
+        """The intact rows in the order of their numbers."""
+        with _as_search_error(self._database):
+            yield from self._intact()
+
+    def evaluations(self, generation: int | None = None) -> list[Evaluation]:
+        """The intact evaluations in the order of their numbers, of all generations or of one."""
+        return [entry.evaluation for entry in self.entries() if generation in (None, entry.generation)]
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other commands off this directory.
+
+        Raises:
+            SearchError: another one is on it.
+        """
+        folder = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError:
+            raise SearchError(f"run directory {self.path}: another command is running in it") from None
+        finally:
+            os.close(folder)
+
+    def close(self) -> None:
+        """Close the archive, which becomes one file."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+    def count_damaged(self) -> int:
+        """Count the rows that are there and cannot be trusted, as far as can be told."""
+        with _as_search_error(self._database):
+            intact = sum(1 for _ in self._intact())
+            try:
+                claimed = self._connection.execute("SELECT count(*) FROM evaluations").fetchone()[0]
+            except sqlite3.DatabaseError:
+                claimed = intact + 1
+        self.damaged = int(claimed) - intact
+        return self.damaged
+
+    def _connect(self) -> sqlite3.Connection:
+        connection = sqlite3.connect(self._database, timeout=10)
+        try:
+            connection.execute("PRAGMA journal_mode=WAL")
+            # The log is then synced when it is folded into the file: a killed program loses nothing, a power cut
+            # at most the last rows, which are flown again.
+            connection.execute("PRAGMA synchronous=NORMAL")
+            connection.execute(f"CREATE TABLE IF NOT EXISTS evaluations ({', '.join(_COLUMNS)})")
+            connection.commit()
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+    def _rows(self) -> Iterator[tuple[Any, ...]]:
+        """All rows that SQLite can still read, in the order of their numbers."""
+        select = f"SELECT {', '.join(_NAMES)} FROM evaluations"
+        try:
+            yield from self._connection.execute(f"{select} ORDER BY number").fetchall()
+        except sqlite3.DatabaseError:
+            # A damaged page ends the scan; each row by itself is found unless it, or the way to it, is damaged.
+            for number in range(self._most_rows()):
+                with contextlib.suppress(sqlite3.DatabaseError):
+                    yield from self._connection.execute(f"{select} WHERE number = ?", (number,)).fetchall()
+
+    def _most_rows(self) -> int:
+        """More rows than the file can hold."""
+        return self._database.stat().st_size // _SMALLEST_ROW + 1
+
+    def _intact(self) -> Iterator[Entry]:
+        return (entry for row in self._rows() if (entry := _entry_of(row)) is not None)
+
+
+def write_directory(path: Path, scenario: Scenario, configuration: str) -> None:
+    """Make a new directory with a scenario, `scenario.toml`, and a configuration, `configuration.json`.
+
+    Raises:
+        SearchError: there is something already, or it cannot be written.
+    """
+    check_new(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        _write(path / "scenario.toml", scenario.to_toml())
+        _write(path / "configuration.json", configuration)
+    except OSError as problem:
+        raise SearchError(f"run directory {path}: {problem.strerror}") from None
+
+
+def check_new(path: Path) -> None:
+    """Refuse a directory that has something in it.
+
+    Raises:
+        SearchError: it has, or is no directory.
+    """
+    try:
+        if path.exists() and any(path.iterdir()):
+            raise SearchError(f"run directory {path}: it is not empty; it must be new, or be resumed")
+    except OSError as problem:
+        raise SearchError(f"run directory {path}: {problem.strerror}") from None
+
+
+def is_directory(path: Path) -> bool:
+    """Whether `write_directory` has been here."""
+    return (path / "configuration.json").is_file()
+
+
+def read_directory(path: Path, read: Callable[[str, str], Read]) -> Read:
+    """What `read` makes of the configuration and the scenario that `write_directory` wrote.
+
+    Raises:
+        SearchError: there are none, or they cannot be read.
+    """
+    if not is_directory(path):
+        raise SearchError(f"run directory {path}: it must hold a configuration.json, and does not")
+    try:
+        return read(
+            (path / "configuration.json").read_text(encoding="utf-8"),
+            (path / "scenario.toml").read_text(encoding="utf-8"),
+        )
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+        raise SearchError(f"run directory {path}: {reason}") from None
+    except MoflockError as problem:
+        raise SearchError(f"run directory {path}: {problem}") from None
+
+
+def _row_of(entry: Entry) -> tuple[Any, ...]:
+    evaluation = entry.evaluation
+    values = (
+        evaluation.number,
+        entry.generation,
+        *evaluation.params,
+        json.dumps(evaluation.seeds),
+        json.dumps(_without_nan(evaluation.order_parameters)),
+        json.dumps(evaluation.fitness.tolist()),
+        json.dumps(_without_nan(evaluation.figures)),
+        evaluation.seconds,
+        evaluation.worker,
+        evaluation.outcome,
+        entry.flown_at,
+    )
+    return (*values, _checksum(values))
+
+
+def _entry_of(row: tuple[Any, ...]) -> Entry | None:
+    """A row's entry; None if the row is not as it was written."""
+    *values, checksum = row
+    if _checksum(values) != checksum:
+        return None
+    number, generation, *point = values[:14]
+    seeds, order_parameters, fitness, figures, seconds, worker, outcome, flown_at = values[14:]
+    evaluation = Evaluation(
+        number=number,
+        params=FlockingParams(*point),
+        seeds=tuple(json.loads(seeds)),
+        order_parameters=np.array(json.loads(order_parameters), np.float64),  # null becomes NaN
+        fitness=np.array(json.loads(fitness), np.float64),
+        figures=np.array(json.loads(figures), np.float64),
+        seconds=seconds,
+        worker=worker,
+        outcome=outcome,
+    )
+    return Entry(generation, evaluation, flown_at)
+
+
+def _checksum(values: Sequence[Any]) -> int:
+    return zlib.crc32(repr(tuple(values)).encode("utf-8", "replace"))
+
+
+def _without_nan(array: NDArray[np.float64]) -> list[list[float | None]]:
+    return [[value if math.isfinite(value) else None for value in row] for row in array.tolist()]
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file that appears whole or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+@contextlib.contextmanager
+def _as_search_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.Error as problem:
+        raise SearchError(f"archive {path}: {problem}") from None
+    except OSError as problem:
+        raise SearchError(f"archive {path}: {problem.strerror}") from None
+
+
+_LIBRARIES = ("moflock-mj", "numpy", "pymoo", "cma")
+
+
+def installed_versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
+    """Versions of what a search's result depends on, or of other libraries."""
+    return {name: importlib.metadata.version(name) for name in libraries}

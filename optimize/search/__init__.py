@@ -1,0 +1,1 @@
+"""Which parameter sets are flown next, and the front that results."""

@@ -1,0 +1,180 @@
+"""What is searched, and how: everything that a search's result depends on."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.errors import PointError, ScenarioError, SearchError
+from moflock_mj.fields import check_fields, check_keys, quantity
+from moflock_mj.parameters.bounds import Bounds, bounds_of, paper_bounds
+from moflock_mj.parameters.points import check_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.archive import installed_versions
+from optimize.evaluation.evaluation import Job, search_scenario
+from optimize.evaluation.objectives import PAPER, Objectives
+
+ALGORITHMS = ("nsga2", "unsga3", "cmaes", "pso")
+
+
+SINGLE_OBJECTIVE = ("cmaes", "pso")
+"""The algorithms that maximise the product of all objectives."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How is searched.
+
+    Raises:
+        SearchError: a value is of the wrong type or out of bounds, or a combination makes no sense.
+    """
+
+    algorithm: str = quantity("nsga2", "1", "who searches", choices=ALGORITHMS)
+    dynamics: str = quantity("point_mass", "1", "what moves the drones", choices=("point_mass", "rigid_body"))
+    noise: str = quantity(
+        "refly",
+        "1",
+        "fixed: all flights on the same seeds, the paper's way; common: new ones for each generation; refly: for each "
+        "evaluation; but for fixed good points fly again and neighbours are believed",
+        choices=("fixed", "common", "refly"),
+    )
+    seeds: int = quantity(1, "1", "flights per evaluation", low=1, high=1000)
+    seed: int = quantity(1, "1", "of all random numbers of the search", low=0, high=2**31)
+    population: int = quantity(50, "1", "points per generation", low=4, high=10_000)
+    budget: int = quantity(2000, "1", "flights", low=1, high=10_000_000)
+    unbounded: bool = quantity(False, "1", "whether cmaes may leave the bounds")
+    screen: bool = quantity(False, "1", "whether all that is bred flies on point masses, and only the best on bodies")
+    timeout: float | None = quantity(600.0, "s", "of wall time for an evaluation", low=0, open_low=True, high=1e6)
+
+    def __post_init__(self) -> None:
+        check_fields(self, SearchError)
+        if self.unbounded and self.algorithm != "cmaes":
+            raise SearchError(f"unbounded: only cmaes can leave the bounds; the algorithm is {self.algorithm}")
+        if self.screen and self.dynamics != "rigid_body":
+            raise SearchError(f"screen: it is for the dynamics rigid_body; they are {self.dynamics}")
+        if self.screen and (self.algorithm in SINGLE_OBJECTIVE or self.noise == "fixed"):
+            raise SearchError(
+                "screen: only nsga2 and unsga3, with refly or common, breed more points than they fly; "
+                f"these are {self.algorithm} and {self.noise}"
+            )
+        if self.budget < self.population * self.seeds:
+            needed = self.population * self.seeds
+            raise SearchError(f"budget: {self.budget} flights; it must be at least a generation's, {needed}")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """A search, resolved: everything that its result depends on.
+
+    Attributes:
+        scenario: what is flown.
+        bounds: the box that is searched.
+        objectives: what is maximised; cmaes and pso maximise the product of them.
+        settings: how.
+        start: points of the first generation, which random ones fill up.
+        versions: of the libraries.
+
+    Raises:
+        SearchError: a multi-objective algorithm with a single objective, or points to start from that do not fit.
+    """
+
+    scenario: Scenario = dataclasses.field(default_factory=Scenario)
+    bounds: Bounds = dataclasses.field(default_factory=paper_bounds)
+    objectives: Objectives = PAPER
+    settings: Settings = dataclasses.field(default_factory=Settings)
+    start: tuple[FlockingParams, ...] = ()
+    versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
+
+    def __post_init__(self) -> None:
+        if self.settings.algorithm not in SINGLE_OBJECTIVE and len(self.objectives.names) < 2:
+            raise SearchError(f"objectives: {self.settings.algorithm} must have at least two; there is one")
+        if self.start and self.settings.algorithm in SINGLE_OBJECTIVE:
+            raise SearchError(f"start: only nsga2 and unsga3 start from points; this is {self.settings.algorithm}")
+        if len(self.start) > self.settings.population:
+            raise SearchError(
+                f"start: {len(self.start)} points; there must be at most a population, {self.settings.population}"
+            )
+        for point in self.start:
+            try:
+                self.bounds.check(point)
+            except SearchError as problem:
+                raise SearchError(f"start: {problem}") from None
+
+    @property
+    def job(self) -> Job:
+        """What its executor needs to know."""
+        return Job(
+            scenario=self.scenario,
+            dynamics=self.settings.dynamics,
+            coverage=self.objectives.coverage,
+            timeout=self.settings.timeout,
+        )
+
+    @property
+    def screening_job(self) -> Job | None:
+        """What the executor of the point masses needs to know, on which a search of bodies is screened; or None."""
+        if not self.settings.screen:
+            return None
+        scenario = search_scenario(self.scenario, "point_mass")
+        return dataclasses.replace(self.job, scenario=scenario, dynamics="point_mass")
+
+    @property
+    def maximised(self) -> Objectives:
+        """The objectives as its algorithm sees them."""
+        return self.objectives.single() if self.settings.algorithm in SINGLE_OBJECTIVE else self.objectives
+
+    def replace(self, **changes: Any) -> Configuration:
+        """A configuration that differs in the named fields."""
+        return dataclasses.replace(self, **changes)
+
+    def to_json(self) -> str:
+        """All but the scenario, which is a TOML file of its own that `moflock fly` takes too."""
+        content: dict[str, Any] = {"settings": dataclasses.asdict(self.settings)}
+        content["bounds"] = self.bounds.to_dict()
+        content["objectives"] = dict(zip(self.objectives.names, map(list, self.objectives.groups), strict=True))
+        content["start"] = self.start
+        content["versions"] = dict(self.versions)
+        return json.dumps(content, indent=1) + "\n"
+
+    @classmethod
+    def from_texts(cls, configuration: str, scenario: str) -> Configuration:
+        """Read what `to_json` and the scenario's `to_toml` wrote.
+
+        Raises:
+            SearchError: not such texts.
+        """
+        try:
+            content = json.loads(configuration)
+            flown = Scenario.from_toml(scenario)
+        except (ValueError, RecursionError) as problem:
+            raise SearchError(f"configuration: not JSON: {problem}") from None
+        except ScenarioError as problem:
+            raise SearchError(f"scenario: {problem}") from None
+        if not isinstance(content, Mapping):
+            raise SearchError("configuration: it must be an object")
+        parts = ("settings", "bounds", "objectives", "versions")
+        check_keys(content, (*parts, "start"), SearchError)
+        for name in parts:
+            if not isinstance(content.get(name), Mapping):
+                raise SearchError(f"configuration: {name}: it must be an object")
+        check_keys(content["settings"], [field.name for field in dataclasses.fields(Settings)], SearchError)
+        return cls(
+            scenario=flown,
+            bounds=bounds_of(content["bounds"]),
+            objectives=Objectives.from_json(json.dumps({"objectives": content["objectives"]})),
+            settings=Settings(**content["settings"]),
+            start=_points_of(content.get("start", [])),
+            versions=content["versions"],
+        )
+
+
+def _points_of(rows: Any) -> tuple[FlockingParams, ...]:
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise SearchError("configuration: start: it must be a list of points, each a list of 12 numbers")
+    try:
+        return tuple(check_point(row) for row in rows)
+    except PointError as problem:
+        raise SearchError(f"configuration: start: {problem}") from None

@@ -1,0 +1,242 @@
+"""What a finished search has found: gathered from its run directory, with what has to be flown flown once and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.errors import SearchError
+from moflock_mj.files import new_file
+from moflock_mj.flight import fly
+from moflock_mj.parameters.points import paper_point
+from moflock_mj.simulation.results import Flight
+from optimize.analysis.pca import PrincipalComponents, load_components, principal_components
+from optimize.evaluation.archive import Entry
+from optimize.evaluation.batch import Told, fresh_seeds
+from optimize.evaluation.interface import Executor
+from optimize.evaluation.objectives import Objectives
+from optimize.search.configuration import SINGLE_OBJECTIVE, Configuration
+from optimize.search.estimates import CAUTION, estimates, hypervolume, non_dominated
+from optimize.search.front import SEEDS, FlownFront, candidates, fly_front, load_front
+from optimize.search.run_directory import RunDirectory
+
+FRONT = "front.json"
+LANDMARKS = "landmarks.json"
+COMPONENTS = "pca.json"
+"""Files of a run directory."""
+
+_PAPER_POINTS = ("A", "B", "model_optimum")
+_LAST_EVEN = 10
+
+
+class Volume(NamedTuple):
+    """How a search's hypervolume grew.
+
+    Attributes:
+        flights: (G,), flown after each generation that tells something.
+        volume: (G,), of what the archive then let believe, with due caution.
+    """
+
+    flights: NDArray[np.int64]
+    volume: NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Findings:
+    """All that a report shows.
+
+    Attributes:
+        name: of the run directory.
+        configuration: of the search.
+        evaluations: how many the archive has, and how many of them failed.
+        front: flown again on fresh seeds.
+        landmarks: the paper's points, and the best of single-objective runs, flown on the same seeds.
+        landmark_names: of its points.
+        generations: {generation from 1: (n, K)}, the last even fronts as the archive believed them.
+        volumes: {name of a run: its growth}.
+        components: of the fitnesses of random points; None if they were not analysed.
+        parameters: components of the 12 parameters along the front; None for a front of fewer than three points.
+        extremes: flights of the points that are best in the first and in the last objective, with samples.
+    """
+
+    name: str
+    configuration: Configuration
+    evaluations: tuple[int, int]
+    front: FlownFront
+    landmarks: FlownFront
+    landmark_names: tuple[str, ...]
+    generations: dict[int, NDArray[np.float64]]
+    volumes: dict[str, Volume]
+    components: PrincipalComponents | None
+    parameters: PrincipalComponents | None
+    extremes: tuple[Flight, Flight]
+
+
+def flown_front(
+    run: RunDirectory, executor: Executor, seeds: int | None = None, told: Told | None = None
+) -> FlownFront:
+    """A run's front on fresh seeds: read from its directory, or flown and written there.
+
+    Args:
+        run: a search that is over.
+        executor: flies in the run's scenario.
+        seeds: the front is flown again if it has flown fewer; None: as many as it has, or SEEDS.
+        told: of progress.
+
+    Raises:
+        SearchError: the run has no evaluations, or its front cannot be read.
+    """
+    path = run.path / FRONT
+    if path.exists():
+        front = load_front(path)
+        if seeds is None or len(front.seeds) >= seeds:
+            return front
+    evaluations = run.evaluations()
+    configuration = run.configuration
+    used = {seed for evaluation in evaluations for seed in evaluation.seeds}
+    settings = configuration.settings
+    front = fly_front(
+        candidates(evaluations, configuration.objectives, settings.population),
+        executor,
+        objectives=configuration.objectives,
+        scenario=configuration.scenario,
+        dynamics=settings.dynamics,
+        seeds=fresh_seeds(SEEDS if seeds is None else seeds, used),
+        origin={"algorithm": settings.algorithm, "search_seed": settings.seed, "search_flights": settings.budget},
+        told=told,
+    )
+    _write(path, front)
+    return front
+
+
+def gather(
+    run: RunDirectory,
+    executor: Executor,
+    *,
+    compared: Collection[RunDirectory] = (),
+    seeds: int | None = None,
+    told: Told | None = None,
+) -> Findings:
+    """Gather what a report shows; flies what was not flown yet.
+
+    Args:
+        run: a search that is over.
+        executor: flies in the run's scenario.
+        compared: other runs in the same scenario; the best point of each single-objective one becomes a landmark.
+        seeds: fresh seeds for each point, as in `flown_front`.
+        told: of progress.
+
+    Raises:
+        SearchError: nothing was evaluated, a compared run is of another scenario, or see `flown_front`.
+    """
+    configuration = run.configuration
+    for other in compared:
+        same = (other.configuration.scenario, other.configuration.settings.dynamics)
+        if same != (configuration.scenario, configuration.settings.dynamics):
+            raise SearchError(f"run directory {other.path}: it must be of the scenario and dynamics of {run.path}")
+    front = flown_front(run, executor, seeds, told)
+    entries = list(run.entries())
+    points = {name: paper_point(name) for name in _PAPER_POINTS} | best_singles((run, *compared))
+    components = run.path / COMPONENTS
+    return Findings(
+        name=run.path.name,
+        configuration=configuration,
+        evaluations=(len(entries), sum(entry.evaluation.outcome != "ok" for entry in entries)),
+        front=front,
+        landmarks=_landmarks(run.path / LANDMARKS, points, front, executor, told),
+        landmark_names=tuple(points),
+        generations=believed_fronts(entries, configuration.objectives),
+        volumes={_run_name(other): growth(other) for other in (run, *compared)},
+        components=load_components(components) if components.exists() else None,
+        parameters=_parameter_components(front, configuration),
+        extremes=(_fly(front, front.best(0)), _fly(front, front.best(-1))),
+    )
+
+
+def best_singles(runs: Collection[RunDirectory]) -> dict[str, FlockingParams]:
+    """The best point of each run with a single objective, by the name of its algorithm."""
+    found: dict[str, FlockingParams] = {}
+    for run in runs:
+        settings = run.configuration.settings
+        if settings.algorithm in SINGLE_OBJECTIVE:
+            best = candidates(run.evaluations(), run.configuration.maximised, 1)
+            name = f"{settings.algorithm}, unbounded" if settings.unbounded else settings.algorithm
+            if len(best):
+                found[name] = FlockingParams(*map(float, best[0]))
+    return found
+
+
+def believed_fronts(entries: list[Entry], objectives: Objectives) -> dict[int, NDArray[np.float64]]:
+    """The archive's front after each of the last ten even generations: {generation from 1: (n, K)}."""
+    last = max((entry.generation for entry in entries), default=0) + 1
+    wanted = list(range(2, last + 1, 2))[-_LAST_EVEN:] or [last]
+    return {generation: _believed(entries, objectives, generation) for generation in wanted}
+
+
+def growth(run: RunDirectory) -> Volume:
+    """How a run's hypervolume grew, generation by generation."""
+    entries, objectives = list(run.entries()), run.configuration.objectives
+    last = max((entry.generation for entry in entries), default=-1) + 1
+    flights = np.zeros(last, np.int64)
+    for entry in entries:
+        flights[entry.generation] += len(entry.evaluation.seeds)
+    # Before any point has flown twice, nothing is known of the noise, and luck passes for merit.
+    first = 2 if run.configuration.settings.noise == "refly" and last > 1 else 1
+    volumes = [hypervolume(_believed(entries, objectives, generation)) for generation in range(first, last + 1)]
+    return Volume(np.cumsum(flights)[first - 1 :], np.array(volumes))
+
+
+def _believed(entries: list[Entry], objectives: Objectives, generations: int) -> NDArray[np.float64]:
+    """The front of what was believed with due caution after the first generations: (n, K)."""
+    evaluations = [entry.evaluation for entry in entries if entry.generation < generations]
+    known = estimates(evaluations, objectives)
+    values = np.array([np.maximum(estimate.mean - CAUTION * estimate.std_error, 0) for estimate in known])
+    return values[non_dominated(values)]
+
+
+def _landmarks(
+    path: Path, points: dict[str, FlockingParams], front: FlownFront, executor: Executor, told: Told | None
+) -> FlownFront:
+    """Points flown as the front was: read, if the file has just these on these seeds, else flown and written."""
+    wanted = np.array(list(points.values()), np.float64)
+    if path.exists():
+        known = load_front(path)
+        if known.seeds == front.seeds and np.array_equal(known.points, wanted):
+            return known
+    flown = fly_front(
+        wanted,
+        executor,
+        objectives=front.objectives,
+        scenario=front.scenario,
+        dynamics=front.dynamics,
+        seeds=front.seeds,
+        told=told,
+    )
+    _write(path, flown)
+    return flown
+
+
+def _parameter_components(front: FlownFront, configuration: Configuration) -> PrincipalComponents | None:
+    points = configuration.bounds.to_unit(front.points[front.remaining])
+    return principal_components(points, FlockingParams._fields) if len(points) > 2 else None
+
+
+def _fly(front: FlownFront, number: int) -> Flight:
+    params = FlockingParams(*front.points[number].tolist())
+    return fly(params, scenario=front.scenario, dynamics=front.dynamics, seed=front.seeds[0])
+
+
+def _run_name(run: RunDirectory) -> str:
+    settings = run.configuration.settings
+    return f"{settings.algorithm}, seed {settings.seed}" + (", unbounded" if settings.unbounded else "")
+
+
+def _write(path: Path, front: FlownFront) -> None:
+    with new_file(path) as place:
+        place.write_text(front.to_json(), encoding="utf-8")

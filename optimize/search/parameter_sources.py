@@ -1,0 +1,56 @@
+"""Points that are asked for by name, by file, or by the search that found them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.errors import PointError, SearchError
+from moflock_mj.parameters.points import check_point, load_point, point_names
+from optimize.search.findings import FRONT
+from optimize.search.front import load_front
+from optimize.search.run_directory import RunDirectory
+
+
+def read_points(asked: Sequence[str]) -> tuple[dict[str, FlockingParams], set[int]]:
+    """Points by name, and the seeds that searches behind them have used.
+
+    Args:
+        asked: named points, .json files, and searches' directories, of which the flown front's points are taken.
+
+    Raises:
+        MoflockError: there is no such point or directory, or two of the same name.
+    """
+    points: dict[str, FlockingParams] = {}
+    used: set[int] = set()
+    for name in asked:
+        path = Path(name)
+        if path.is_dir():
+            found, seeds = _front_points(path)
+            used |= seeds
+        elif path.suffix == ".json" or name in point_names():
+            found = {path.stem: load_point(name)}
+        else:
+            known = ", ".join(point_names())
+            raise PointError(f"point {name}: unknown; it must be one of {known}, a .json file or a search's directory")
+        for key, params in found.items():
+            if key in points:
+                raise PointError(f"point {key}: it is given twice")
+            points[key] = params
+    return points, used
+
+
+def _front_points(path: Path) -> tuple[dict[str, FlockingParams], set[int]]:
+    """The remaining points of a search's flown front, and the seeds that it and the search flew."""
+    with RunDirectory.open(path) as run:
+        used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
+    if not (path / FRONT).is_file():
+        raise SearchError(f"run directory {path}: its front must have been flown first: moflock report {path}")
+    front = load_front(path / FRONT)
+    used |= set(front.seeds)
+    points = {
+        f"{path.resolve().name}-{number}": check_point(front.points[number].tolist())
+        for number in front.remaining.tolist()
+    }
+    return points, used

@@ -1,0 +1,55 @@
+"""Searches compared at equal budgets: what each reached on fresh seeds, over several runs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.search.front import FlownFront
+
+SEEDS = 40
+"""Fresh seeds on which the fronts are compared."""
+
+ENTRANTS: Mapping[str, Mapping[str, Any]] = {
+    "NSGA-II": {"algorithm": "nsga2"},
+    "U-NSGA-III": {"algorithm": "unsga3"},
+    "NSGA-II, one fixed seed": {"algorithm": "nsga2", "noise": "fixed"},
+    "CMA-ES": {"algorithm": "cmaes"},
+    "PSO": {"algorithm": "pso"},
+}
+"""Settings of the searches that are compared, by what they are called."""
+
+
+class Score(NamedTuple):
+    """What R runs of one search reached.
+
+    Attributes:
+        hypervolume: (R,), of the objectives' means.
+        product: (R,), largest mean product of all fitnesses of a point.
+        best: (R, K), largest mean of each objective.
+    """
+
+    hypervolume: NDArray[np.float64]
+    product: NDArray[np.float64]
+    best: NDArray[np.float64]
+
+
+def score(fronts: Sequence[FlownFront], seeds: int = SEEDS) -> Score:
+    """Score the fronts of a search's runs, on their first `seeds` fresh seeds.
+
+    Args:
+        fronts: one per run, as flown on at least as many.
+        seeds: see above.
+    """
+    equal = [
+        dataclasses.replace(front, seeds=front.seeds[:seeds], fitness=front.fitness[:, :seeds]) for front in fronts
+    ]
+    return Score(
+        hypervolume=np.array([front.hypervolume for front in equal]),
+        product=np.array([front.values.prod(axis=2).mean(axis=1).max() for front in equal]),
+        best=np.array([front.mean.max(axis=0) for front in equal]),
+    )

@@ -1,0 +1,145 @@
+"""The validation that stands in the documentation: `python -m optimize.studies.validation`, which is `make validation`.
+
+Writes `docs/validation.md` and its figure. What was flown once stays in `logs/validation/` and is not flown again;
+remove that folder to begin anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moflock_mj.analysis.identification import identify
+from moflock_mj.files import new_file
+from moflock_mj.scenario.effect_configs import PointMassResponse
+from moflock_mj.scenario.scenario import Scenario
+from optimize.analysis.statistics import half_width
+from optimize.cli.console import TERMINAL, flights_progress
+from optimize.evaluation.batch import FlownPoints, fly_points
+from optimize.evaluation.evaluation import FIGURE_NAMES, Job, search_scenario
+from optimize.evaluation.executors import make_executor
+from optimize.evaluation.objectives import PAPER
+from optimize.reports import identification_tables
+from optimize.reports.figures import save
+from optimize.reports.tables import Words, markdown
+from optimize.reports.validation_figures import fronts_figure
+from optimize.reports.validation_page import page, write
+from optimize.validation.run import take_up
+from optimize.validation.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, make_settings
+
+POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive", "steady")
+
+FAULT_SEEDS = 10
+"""Of the usual seeds, those with which each point flies each fault."""
+
+
+def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_seeds: int, workers: int) -> Path:
+    """Validate the named points, identify the airframe, and show what the calibrated point mass changes.
+
+    Args:
+        scenario: what is flown.
+        logs: the validation's directory, which is taken up again.
+        docs: gets `validation.md` and a folder with its figure.
+        seeds: of each point.
+        fault_seeds: of each point with each of the standard faults.
+        workers: processes.
+
+    Returns:
+        The page.
+
+    Raises:
+        MoflockError: something cannot be flown or written, or the directory is of another study.
+    """
+    found, logged = take_up(
+        logs, make_settings(scenario, POINTS, seeds, fault_seeds), workers=workers, logs=True, terminal=TERMINAL
+    )
+    write(found, logged, logs)
+    identified = identify(scenario)
+    calibrated = _calibrated(found, identified.response, workers)
+    words = (*identification_tables.tables(identified), *calibration_tables(found, calibrated))
+    sections = [f"## {table.title}\n\n{markdown(table.head, table.rows)}" for table in words]
+    text = "\n\n".join(
+        [
+            page(found, logged, "validation/fronts.png").rstrip(),
+            "## The point mass of this airframe",
+            "Written by `make validation`. `moflock identify` flies velocity steps on the rigid body and fits the "
+            "point mass to them; its delay stands inside the velocity's loop.",
+            *sections,
+        ]
+    )
+    with new_file(docs / "validation.md") as place:
+        place.write_text(text + "\n", encoding="utf-8")
+    save(lambda: fronts_figure(found), docs / "validation" / "fronts.png")
+    return docs / "validation.md"
+
+
+def calibration_tables(found: Validation, calibrated: FlownPoints) -> tuple[Words, Words]:
+    """What the calibrated point mass changes: objectives, and the velocity error, beside both dynamics."""
+    plain_values, body_values = (found.objectives[dynamics] for dynamics in (POINT_MASS, RIGID_BODY))
+    ours = PAPER.of_columns(calibrated.fitness)
+    # Seed by seed: what the seeds have in common is in neither gap.
+    differences = (plain_values - body_values, ours - body_values, ours - plain_values)
+    objectives = [
+        (name, *(_with_error(difference[number, :, k]) for k in range(2) for difference in differences))
+        for number, name in enumerate(found.names)
+    ]
+    gaps = ("point mass less body", "calibrated less body", "calibrated less point mass")
+    head = [f"{name}: {what}" for name in PAPER.names for what in gaps]
+    column = FIGURE_NAMES.index("velocity_error_rms")
+    plain, body = (found.column("velocity_error_rms", dynamics).mean(axis=1) for dynamics in (POINT_MASS, RIGID_BODY))
+    fitted = calibrated.figures[:, :, column].mean(axis=1)
+    errors = [
+        (name, *(f"{value[number]:.3f}" for value in (plain, fitted, body)), *_shares(plain, fitted, body, number))
+        for number, name in enumerate(found.names)
+    ]
+    return (
+        Words("What calibration changes, seed by seed", ("point", *head), objectives),
+        Words(
+            "Velocity error, m/s RMS",
+            ("point", "point mass", "calibrated", "rigid body", "point mass less body", "calibrated less body"),
+            errors,
+        ),
+    )
+
+
+def _with_error(values: NDArray[np.float64]) -> str:
+    return f"{values.mean():+.3f} ± {float(half_width(values, axis=0)):.3f}"
+
+
+def _shares(
+    plain: NDArray[np.float64], fitted: NDArray[np.float64], body: NDArray[np.float64], number: int
+) -> list[str]:
+    return [f"{100 * (value[number] / body[number] - 1):+.1f} %" for value in (plain, fitted)]
+
+
+def _calibrated(found: Validation, response: PointMassResponse, workers: int) -> FlownPoints:
+    """The same points and seeds on point masses with the response of the airframe."""
+    settings = found.settings
+    scenario = search_scenario(settings.scenario.replace(point_mass=response), "point_mass")
+    points = np.array(list(settings.points.values()), np.float64)
+    job = Job(scenario=scenario, dynamics="point_mass")
+    with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as told:
+        return fly_points(executor, points, [settings.seeds] * len(points), told)
+
+
+def main() -> None:
+    """Read the arguments and do the study."""
+    parser = argparse.ArgumentParser(description="Validate the named points and write docs/validation.md.")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--logs", type=Path, default=Path("logs/validation"))
+    parser.add_argument("--docs", type=Path, default=Path("docs"))
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--fault-seeds", type=int, default=FAULT_SEEDS)
+    parser.add_argument("--duration", type=float, default=Scenario().duration)
+    asked = parser.parse_args()
+    scenario = Scenario(duration=asked.duration)
+    effort = {"seeds": asked.seeds, "fault_seeds": asked.fault_seeds, "workers": asked.workers}
+    print(make_study(scenario, asked.logs, asked.docs, **effort))
+
+
+if __name__ == "__main__":
+    main()

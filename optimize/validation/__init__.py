@@ -1,0 +1,1 @@
+"""Whether a found parameter set is flyable: seeds, drones, wind, faults."""

@@ -1,0 +1,106 @@
+"""Of the points that searches on bodies have flown, those that are flyable, and which of these to begin with."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.policies.vasarhelyi import FlockingParams
+from moflock_mj.dynamics.airframe_models import load_airframe
+from moflock_mj.metrics.verdict import FLYABLE, judge
+from moflock_mj.parameters.points import check_point
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.evaluation import OK, Evaluation, figure_columns
+from optimize.evaluation.objectives import PAPER
+from optimize.search.front import FlownFront, candidates, point_json
+from optimize.search.run_directory import RunDirectory
+from optimize.validation.run import Terminal, take_up
+from optimize.validation.validation import DYNAMICS, RIGID_BODY, Settings, Validation
+
+NAMED = "steady"
+"""What the best flyable point is called."""
+
+RULE = "largest product of mean F_1 and F_2 of the points that are flyable and keep twice the least separation"
+"""Twice, since what 20 flights have just kept, the next 20 may not."""
+
+
+def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, FlockingParams]:
+    """Candidates, at most `most`, among points that kept all limits, and twice the separation, in all their flights.
+
+    Args:
+        runs: directories of searches on bodies.
+        scenario: says the limits and the airframe.
+        most: of the points.
+
+    Returns:
+        The points by name, P1 and so on.
+    """
+    flown: defaultdict[FlockingParams, list[Evaluation]] = defaultdict(list)
+    for path in runs:
+        with RunDirectory.open(path) as run:
+            for evaluation in run.evaluations():
+                flown[evaluation.params].append(evaluation)
+    kept: list[Evaluation] = []
+    for evaluations in flown.values():
+        figures = np.concatenate([evaluation.figures for evaluation in evaluations])
+        failed = sum(evaluation.outcome != OK for evaluation in evaluations)
+        if _is_safe(figures, failed, scenario):
+            kept += evaluations
+    points = candidates(kept, PAPER, most)
+    return {f"P{number}": check_point(point) for number, point in enumerate(points.tolist(), 1)}
+
+
+def judge_points(
+    path: Path,
+    points: Mapping[str, FlockingParams],
+    scenario: Scenario,
+    seeds: tuple[int, ...],
+    workers: int,
+    terminal: Terminal,
+) -> Validation:
+    """Validate points in a directory, which is taken up again.
+
+    Raises:
+        MoflockError: there are none, or see `take_up`.
+    """
+    settings = Settings(scenario=scenario, points=points, seeds=seeds)
+    return take_up(path, settings, workers=workers, logs=False, terminal=terminal)[0]
+
+
+def best_flyable(found: Validation) -> int | None:
+    """Number of the point that `RULE` chooses; None if there is none."""
+    flown = zip(found.figures[RIGID_BODY], found.failed[RIGID_BODY], strict=True)
+    safe = [i for i, (figures, failed) in enumerate(flown) if _is_safe(figures, int(failed), found.settings.scenario)]
+    products = found.objectives[RIGID_BODY].mean(axis=1).prod(axis=1)
+    return max(safe, key=lambda number: float(products[number]), default=None)
+
+
+def front_on_bodies(found: Validation) -> FlownFront:
+    """The points of a validation as they flew on bodies."""
+    return FlownFront(
+        objectives=PAPER,
+        scenario=found.settings.scenario,
+        dynamics=DYNAMICS[RIGID_BODY],
+        seeds=found.settings.seeds,
+        points=np.array(list(found.settings.points.values()), np.float64),
+        fitness=found.fitness[RIGID_BODY],
+        failed=found.failed[RIGID_BODY],
+        origin={"search": "on bodies, in three ways, by `make physics`"},
+    )
+
+
+def provenance(found: Validation, number: int) -> str:
+    """A point of a validation as the JSON of a named point."""
+    return point_json(front_on_bodies(found), number, rule=RULE)
+
+
+def _is_safe(figures: NDArray[np.float64], failed: int, scenario: Scenario) -> bool:
+    """Whether flights (S, F) would make a point flyable even if drones had to keep twice as far apart."""
+    diameter, limits = 2 * load_airframe(scenario.airframe).radius, scenario.verdict
+    stricter = dataclasses.replace(limits, separation=2 * limits.least_separation(diameter))
+    return judge(figure_columns(figures), failed, stricter, diameter).name == FLYABLE
