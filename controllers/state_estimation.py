@@ -43,7 +43,7 @@ class FixGains(NamedTuple):
     lift_bias: float
 
 
-class Navigation(NamedTuple):
+class StateEstimate(NamedTuple):
     """What N drones believe of themselves.
 
     Attributes:
@@ -126,7 +126,7 @@ def _stationary_gain(system: Any, densities: tuple[float, ...], measured: float,
 
 @hot_kernel
 def integrate(
-    state: Navigation,
+    state: StateEstimate,
     i: int,
     rate_x: float,
     rate_y: float,
@@ -168,7 +168,7 @@ def _turned(
 
 
 @kernel
-def correct(state: Navigation, i: int, vx: float, vy: float, height: float, heading: float) -> None:
+def correct(state: StateEstimate, i: int, vx: float, vy: float, height: float, heading: float) -> None:
     """Let a fix correct what drone i believes.
 
     Args:

@@ -14,7 +14,7 @@ from PIL import Image
 from moflock_mj import Scenario, fly, paper_point, read_log
 from moflock_mj.analysis.verification import resume
 from moflock_mj.rendering.video import render_video
-from moflock_mj.visualization.flight_figure import draw_picture
+from moflock_mj.visualization.flight_figure import save_flight_figure
 from moflock_mj.visualization.html_page import write_page
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -68,7 +68,7 @@ def main() -> None:
         log, later, video, page = (Path(folder) / name for name in ("a.mcap", "b.mcap", "a.mp4", "a.html"))
         fly(paper_point(POINT), scenario=Scenario(duration=120.0), log=log, keep_samples=False)
         flight = read_log(log)
-        draw_picture(flight, PICTURES / "picture.png")
+        save_flight_figure(flight, PICTURES / "picture.png")
         shrink(PICTURES / "picture.png")
         render_video([flight], video, fps=2, speed=4.0)
         frame_of(video, MOMENT / 4.0, PICTURES / "video.png")

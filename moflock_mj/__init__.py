@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from controllers.policies.vasarhelyi import FlockingParams
+    from controllers.policies.vasarhelyi import VasarhelyiParams
     from moflock_mj.errors import MoflockError
     from moflock_mj.flight import fly
     from moflock_mj.log.reader import LoggedFlight, read_log
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 __all__ = [
     "Fitness",
     "Flight",
-    "FlockingParams",
     "LoggedFlight",
     "MoflockError",
     "OrderParameters",
     "Scenario",
+    "VasarhelyiParams",
     "fly",
     "load_point",
     "paper_point",
@@ -36,7 +36,7 @@ __all__ = [
 _HOMES = {
     "Fitness": "moflock_mj.metrics.fitness",
     "Flight": "moflock_mj.flight",
-    "FlockingParams": "controllers.policies.vasarhelyi",
+    "VasarhelyiParams": "controllers.policies.vasarhelyi",
     "LoggedFlight": "moflock_mj.log.reader",
     "MoflockError": "moflock_mj.errors",
     "OrderParameters": "moflock_mj.metrics.order_parameters",

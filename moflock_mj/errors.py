@@ -45,7 +45,7 @@ class FleetError(MoflockError):
     """A fleet of simulated vehicles cannot be set up: its size, its faults or its speed."""
 
 
-class OrderError(MoflockError):
+class CommandError(MoflockError):
     """A vehicle does not do what it was asked for, or does not answer."""
 
 

@@ -25,7 +25,7 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(path)
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        make_room(path)
+        make_folder(path)
         yield part
         part.replace(path)
     except OSError as problem:
@@ -35,7 +35,7 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
             part.unlink()
 
 
-def make_room(path: Path) -> None:
+def make_folder(path: Path) -> None:
     """Make the folders of a file to be, and see to it that it would replace nothing but a file.
 
     Raises:

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.metrics.events import FlightEvent, fault_events, find_events
-from moflock_mj.metrics.samples import Record, final_fitness, final_order_parameters, join_samples, sample_times
+from moflock_mj.metrics.samples import SampleBuffer, final_fitness, final_order_parameters, join_samples, sample_times
 from moflock_mj.metrics.tracking import MotionMeter
 from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.simulation.results import BodyFigures, Flight, Follower, Progress
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.simulation.results import BodyFigures, Flight, FlightObserver, Progress
+from moflock_mj.simulation.simulation import Simulation
 
 _CHUNK = {"point_mass": 10.0, "rigid_body": 5.0}
 """Simulated seconds between two looks at progress and Ctrl-C."""
@@ -27,7 +27,7 @@ _FOLLOWED_CHUNK = 1.0
 
 
 def fly(
-    params: FlockingParams,
+    params: VasarhelyiParams,
     *,
     scenario: Scenario | None = None,
     dynamics: str = "rigid_body",
@@ -36,7 +36,7 @@ def fly(
     keep_samples: bool = True,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
-    followers: Sequence[Callable[[Flock], Follower]] = (),
+    observers: Sequence[Callable[[Simulation], FlightObserver]] = (),
 ) -> Flight:
     """Fly a flock.
 
@@ -49,98 +49,101 @@ def fly(
         keep_samples: whether the flight keeps its samples; an optimiser needs none.
         progress: told how far the flight is.
         stop: asked now and then; the flight ends, with a finished log, when it says True.
-        followers: others, made from the flock, that are told of the flight while it is flown.
+        observers: others, made from the flock, that are told of the flight while it is flown.
 
     Raises:
         MoflockError: what was asked for cannot be flown, a state is no longer finite, or the log cannot be written.
     """
-    flock = Flock(check_point(params), scenario or Scenario(), dynamics, seed)
-    return fly_on(flock, log=log, keep_samples=keep_samples, progress=progress, stop=stop, followers=followers)
+    simulation = Simulation(check_point(params), scenario or Scenario(), dynamics, seed)
+    return fly_on(simulation, log=log, keep_samples=keep_samples, progress=progress, stop=stop, observers=observers)
 
 
 def fly_on(
-    flock: Flock,
+    simulation: Simulation,
     *,
     log: str | Path | None = None,
     origin: Mapping[str, str] | None = None,
     keep_samples: bool = True,
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
-    followers: Sequence[Callable[[Flock], Follower]] = (),
+    observers: Sequence[Callable[[Simulation], FlightObserver]] = (),
 ) -> Flight:
     """Fly a flock that stands at its start, or at a state that it was put into, to the end of its scenario.
 
     Args:
-        flock: flies; must not be at its end.
+        simulation: flies; must not be at its end.
         log: as for `fly`.
         origin: what the log's metadata say of where the flock's state comes from.
         keep_samples: as for `fly`, and so are the other three.
         progress: told how far the flight is.
         stop: ends the flight.
-        followers: told of the flight.
+        observers: told of the flight.
     """
-    began, scenario = time.perf_counter(), flock.scenario
-    records: list[Record] = []
+    began, scenario = time.perf_counter(), simulation.scenario
+    records: list[SampleBuffer] = []
     events: list[FlightEvent] = []
-    before, first = flock.memory.tally.status.copy(), flock.samples
+    before, first = simulation.memory.accumulator.status.copy(), simulation.samples
     meter = MotionMeter(scenario, started=first > 0)
-    period, told_ns = flock.stages.clocks.steps_per_beat * flock.step, round(flock.time * 1e9) if first else -1
+    period, told_ns = (
+        simulation.components.schedule.steps_per_interval * simulation.step,
+        round(simulation.time * 1e9) if first else -1,
+    )
     with contextlib.ExitStack() as resources:
         if log is not None:
             from moflock_mj.log.flight_logger import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
 
-            followers = [lambda flown: FlightLogger(log, flown, origin or {}), *followers]
-        told = [resources.enter_context(make(flock)) for make in followers]
-        chunk = _FOLLOWED_CHUNK if told else _CHUNK[flock.dynamics]
-        for follower in told:
-            follower.store_state()
-        while not flock.finished and not (records and stop is not None and stop()):
-            number = flock.samples
-            record = flock.fly(chunk, whole_states=any(follower.needs_states for follower in told))
+            observers = [lambda flown: FlightLogger(log, flown, origin or {}), *observers]
+        told = [resources.enter_context(make(simulation)) for make in observers]
+        chunk = _FOLLOWED_CHUNK if told else _CHUNK[simulation.dynamics]
+        for observer in told:
+            observer.store_state()
+        while not simulation.finished and not (records and stop is not None and stop()):
+            number = simulation.samples
+            record = simulation.fly(chunk, whole_states=any(observer.needs_states for observer in told))
             if not len(record.nearest):
                 continue  # the samples are farther apart than a chunk is long
             time_ns = sample_times(scenario, number, len(record.nearest))
-            found = find_events(record, before, time_ns, flock.touched_with)
+            found = find_events(record, before, time_ns, simulation.touched_with)
             found += fault_events(scenario, period, told_ns, int(time_ns[-1]))
             found.sort(key=lambda event: event.time_ns)
             before, told_ns = record.status[-1], int(time_ns[-1])
             events += found
             meter.add(record)
-            for follower in told:
-                follower.write(time_ns, record, found)
-                follower.store_state()
+            for observer in told:
+                observer.write(time_ns, record, found)
+                observer.store_state()
             if progress:
-                progress(flock.time, final_fitness(record, scenario))
+                progress(simulation.time, final_fitness(record, scenario))
             records = [*records, record] if keep_samples else [record]
-        for follower in told:
-            follower.finish(records[-1])
+        for observer in told:
+            observer.finish(records[-1])
     return Flight(
-        params=flock.params,
+        params=simulation.params,
         scenario=scenario,
-        dynamics=flock.dynamics,
-        seed=flock.seed,
-        flown=flock.time,
+        dynamics=simulation.dynamics,
+        seed=simulation.seed,
+        flown=simulation.time,
         order_parameters=final_order_parameters(records[-1]),
         fitness=final_fitness(records[-1], scenario),
         samples=join_samples(records, scenario, first) if keep_samples else None,
         events=tuple(events),
         motion=meter.figures(),
-        body=_body_figures(flock),
+        body=_body_figures(simulation),
         wall_seconds=time.perf_counter() - began,
         log=Path(log) if log is not None else None,
     )
 
 
-def _body_figures(flock: Flock) -> BodyFigures | None:
-    if flock.body is None:
+def _body_figures(simulation: Simulation) -> BodyFigures | None:
+    if simulation.body is None:
         return None
-    extremes = flock.body.plant.extremes
-    drone_steps = extremes.saturated.size * max(int(extremes.steps[0]), 1)
+    statistics = simulation.body.dynamics.statistics
+    drone_steps = statistics.saturated.size * max(int(statistics.steps[0]), 1)
     return BodyFigures(
-        touched=int(np.sum(extremes.touch_step >= 0)),
-        lost=int(np.sum(flock.body.plant.qpos[:, 2] < flock.scenario.altitude / 2)),
-        tilt_max=float(np.arccos(np.clip(extremes.upright.min(), -1, 1))),
-        altitude_error_max=float(extremes.altitude_error.max()),
-        saturated_share=float(extremes.saturated.sum() / drone_steps),
-        energy=float(extremes.energy.sum()),
+        touched=int(np.sum(statistics.touch_step >= 0)),
+        lost=int(np.sum(simulation.body.dynamics.qpos[:, 2] < simulation.scenario.altitude / 2)),
+        tilt_max=float(np.arccos(np.clip(statistics.upright.min(), -1, 1))),
+        altitude_error_max=float(statistics.altitude_error.max()),
+        saturated_share=float(statistics.saturated.sum() / drone_steps),
+        energy=float(statistics.energy.sum()),
     )

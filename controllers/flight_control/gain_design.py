@@ -24,7 +24,7 @@ THRUST_SHARE = 0.9
 """Share of the rotors' thrust that level flight at the largest commanded acceleration may take; the rest steers."""
 
 
-class TuningError(ValueError):
+class GainDesignError(ValueError):
     """No controller of the kind asked for can be designed for this airframe."""
 
 
@@ -94,14 +94,14 @@ def design_gains(
         bandwidths: where the loops cross.
 
     Raises:
-        TuningError: the airframe is too weak for a_max, its rotors cannot steer it, or a loop falls short of 6 dB or
-            45 degrees.
+        GainDesignError: the airframe is too weak for a_max, its rotors cannot steer it, or a loop falls short of 6 dB
+            or 45 degrees.
     """
     for field, value in (("step", step), ("tau", tau), ("a_max", a_max), ("g", g)):
         if not (math.isfinite(value) and value > 0):
-            raise TuningError(f"{field}: {value:g} must be above 0")
+            raise GainDesignError(f"{field}: {value:g} must be above 0")
     if not 0 < tilt_max < math.pi / 2:
-        raise TuningError(f"tilt_max: {tilt_max:g} rad must be between 0 and pi/2")
+        raise GainDesignError(f"tilt_max: {tilt_max:g} rad must be between 0 and pi/2")
     _check_strength(airframe, a_max, g)
     matrix, mixer = _steering(airframe)
     loops = _Loops(airframe, step, bandwidths, 1 / tau)
@@ -153,7 +153,7 @@ def disturbance_bound(tilt_max: float, g: float = 9.81) -> float:
     return min(g * math.tan(tilt_max) / 2, g / 4)
 
 
-def largest_push(airframe: Airframe, tilt_max: float, g: float = 9.81) -> float:
+def maximum_horizontal_force(airframe: Airframe, tilt_max: float, g: float = 9.81) -> float:
     """Horizontal acceleration that a vehicle can hold in level flight by tilt and `THRUST_SHARE` of its rotors, m/s^2.
 
     Args:
@@ -241,12 +241,12 @@ def _check_strength(airframe: Airframe, a_max: float, g: float) -> None:
     available = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
     if available <= g:
         ratio = airframe.thrust_to_weight(g)
-        raise TuningError(
+        raise GainDesignError(
             f"airframe {airframe.name}: thrust to weight of {ratio:.3g} must be above {1 / THRUST_SHARE:.3g}"
         )
     reachable = math.sqrt(available**2 - g**2)
     if a_max > reachable:
-        raise TuningError(
+        raise GainDesignError(
             f"a_max: {a_max:g} m/s^2 is too much for the airframe {airframe.name}, must be at most {reachable:.3g} "
             f"m/s^2 ({THRUST_SHARE:.0%} of its thrust)"
         )
@@ -256,12 +256,12 @@ def _steering(airframe: Airframe) -> tuple[Any, Any]:
     """The airframe's wrench matrix and its inverse."""
     matrix = wrench_matrix(airframe)
     if np.linalg.matrix_rank(matrix) < ROTORS:
-        raise TuningError(
+        raise GainDesignError(
             f"airframe {airframe.name}: rotor_positions and yaw_ratio do not steer all of roll, pitch and yaw"
         )
     off_centre = np.abs(matrix[1:].sum(axis=1)).max()
     if off_centre > 1e-9:
-        raise TuningError(
+        raise GainDesignError(
             f"airframe {airframe.name}: equal thrusts turn it by {off_centre:g} N m per N, must be 0 "
             "(rotor_positions, yaw_ratio)"
         )
@@ -276,4 +276,4 @@ def _check_margins(airframe: Airframe, step: float, margins: tuple[Margins, ...]
             ("phase margin", loop.phase_margin, PHASE_MARGIN_MIN, "degrees"),
         ):
             if not value >= least:
-                raise TuningError(f"{subject} {margin} is {value:.1f} {unit}, must be at least {least:g} {unit}")
+                raise GainDesignError(f"{subject} {margin} is {value:.1f} {unit}, must be at least {least:g} {unit}")

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from controllers.compiling import stage
 
 
-class Sensed(NamedTuple):
+class Observation(NamedTuple):
     """What each of N drones knows when it decides; horizontal, world frame.
 
     Attributes:
         own_position: (2, N), m, with the drone's own GPS error.
         own_velocity: (2, N), m/s, with the drone's own GPS error.
-        heard_position: (2, M), m, what drone j's packets say of j: late, with the error of j's GPS. M is N, or a
+        received_position: (2, M), m, what drone j's packets say of j: late, with the error of j's GPS. M is N, or a
             multiple of it where packets are kept: column j + a N is what the packet a ticks earlier said, carried on.
-        heard_velocity: (2, M), m/s.
+        received_velocity: (2, M), m/s.
         neighbours: (N, N), row i begins with the columns of the drones that i hears.
         neighbour_count: (N,), how many numbers of each row count.
         wall_distance: (W, N), m, from the own position to each wall, negative beyond it.
@@ -27,21 +27,21 @@ class Sensed(NamedTuple):
 
     own_position: NDArray[np.float64]
     own_velocity: NDArray[np.float64]
-    heard_position: NDArray[np.float64]
-    heard_velocity: NDArray[np.float64]
+    received_position: NDArray[np.float64]
+    received_velocity: NDArray[np.float64]
     neighbours: NDArray[np.int32]
     neighbour_count: NDArray[np.int64]
     wall_distance: NDArray[np.float64]
     wall_normal: NDArray[np.float64]
 
     @classmethod
-    def empty(cls, drones: int, walls: int, kept: int = 0) -> Sensed:
+    def empty(cls, drones: int, walls: int, kept: int = 0) -> Observation:
         """Arrays of the right shapes, all zero; `kept`: how many earlier packets are kept."""
         return cls(
             own_position=np.zeros((2, drones)),
             own_velocity=np.zeros((2, drones)),
-            heard_position=np.zeros((2, drones * (1 + kept))),
-            heard_velocity=np.zeros((2, drones * (1 + kept))),
+            received_position=np.zeros((2, drones * (1 + kept))),
+            received_velocity=np.zeros((2, drones * (1 + kept))),
             neighbours=np.zeros((drones, drones), np.int32),
             neighbour_count=np.zeros(drones, np.int64),
             wall_distance=np.zeros((walls, drones)),
@@ -58,5 +58,7 @@ class SpeedLimits(NamedTuple):
 
 
 @stage
-def desired_velocity(params: NamedTuple, limits: SpeedLimits, sensed: Sensed, out: NDArray[np.float64]) -> None:
+def desired_velocity(
+    params: NamedTuple, limits: SpeedLimits, observation: Observation, out: NDArray[np.float64]
+) -> None:
     """Write each drone's desired velocity to `out`, (2, N), m/s, world; chosen by the type of `params`."""

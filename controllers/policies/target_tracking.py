@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, hot_kernel, implements
 from controllers.geometry import clip_length
-from controllers.policies.interface import Sensed, SpeedLimits, desired_velocity
-from controllers.policies.vasarhelyi import FlockingParams, flocking_velocity
+from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
+from controllers.policies.vasarhelyi import VasarhelyiParams, vasarhelyi_velocity
 
 PULL = 2.0
 """m/s, the most that target and middle together add to a drone's velocity."""
@@ -25,11 +25,11 @@ LOOSE = 40.0
 """m, a drone farther than this from the middle of those it hears is pulled back to it."""
 
 
-class LoiteringParams(NamedTuple):
+class TargetTrackingParams(NamedTuple):
     """The flocking policy's 12 parameters, by the same names and in the same order, and where the target is.
 
     Attributes:
-        r0_rep: and the 11 that follow, see `FlockingParams`.
+        r0_rep: and the 11 that follow, see `VasarhelyiParams`.
         target_x: m, world; so is target_y.
     """
 
@@ -49,20 +49,20 @@ class LoiteringParams(NamedTuple):
     target_y: float
 
     @classmethod
-    def of(cls, params: FlockingParams, target: tuple[float, float]) -> LoiteringParams:
+    def of(cls, params: VasarhelyiParams, target: tuple[float, float]) -> TargetTrackingParams:
         """A flock's parameters and a target at (x, y), m."""
         return cls(*params, float(target[0]), float(target[1]))
 
 
 @hot_kernel
-def _middle(sensed: Sensed, i: int) -> tuple[float, float]:
+def _middle(observation: Observation, i: int) -> tuple[float, float]:
     """Centre of mass of drone i and of those it hears, m, world."""
-    x, y = sensed.own_position[0, i], sensed.own_position[1, i]
-    for k in range(sensed.neighbour_count[i]):
-        j = sensed.neighbours[i, k]
-        x += sensed.heard_position[0, j]
-        y += sensed.heard_position[1, j]
-    together = sensed.neighbour_count[i] + 1
+    x, y = observation.own_position[0, i], observation.own_position[1, i]
+    for k in range(observation.neighbour_count[i]):
+        j = observation.neighbours[i, k]
+        x += observation.received_position[0, j]
+        y += observation.received_position[1, j]
+    together = observation.neighbour_count[i] + 1
     return x / together, y / together
 
 
@@ -75,26 +75,28 @@ def _towards(x: float, y: float, beyond: float) -> tuple[float, float]:
     return scale * x, scale * y
 
 
-@implements(desired_velocity, LoiteringParams)
-def loiter(params: LoiteringParams, limits: SpeedLimits, sensed: Sensed, out: NDArray[np.float64]) -> None:
+@implements(desired_velocity, TargetTrackingParams)
+def target_tracking_policy(
+    params: TargetTrackingParams, limits: SpeedLimits, observation: Observation, out: NDArray[np.float64]
+) -> None:
     """Desired velocity of each drone: what the flock wants + the pull, at most `PULL`, cut to v_max.
 
     Args:
         params: the flock's parameters and the target.
         limits: speeds of the scenario, m/s.
-        sensed: what each drone knows.
+        observation: what each drone knows.
         out: (2, N), m/s, world; written.
     """
-    flocking = FlockingParams(*params[:12])
+    flocking = VasarhelyiParams(*params[:12])
     for i in range(out.shape[1]):
-        x, y = sensed.own_position[0, i], sensed.own_position[1, i]
-        middle_x, middle_y = _middle(sensed, i)
+        x, y = observation.own_position[0, i], observation.own_position[1, i]
+        middle_x, middle_y = _middle(observation, i)
         target_x, target_y = _towards(params.target_x - x, params.target_y - y, REACHED)
         back_x, back_y = _towards(middle_x - x, middle_y - y, LOOSE)
         pull_x, pull_y = clip_length(target_x + back_x, target_y + back_y, PULL)
-        want_x, want_y = flocking_velocity(flocking, limits, sensed, i)
+        want_x, want_y = vasarhelyi_velocity(flocking, limits, observation, i)
         out[0, i], out[1, i] = clip_length(want_x + pull_x, want_y + pull_y, limits.v_max)
 
 
-decide = entry_kernel(loiter)
-"""`loiter`, compiled, for callers outside a compiled flight."""
+decide = entry_kernel(target_tracking_policy)
+"""`target_tracking_policy`, compiled, for callers outside a compiled flight."""

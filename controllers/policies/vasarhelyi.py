@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from controllers.compiling import entry_kernel, hot_kernel, implements, kernel
 from controllers.geometry import clip_length
 from controllers.policies.braking import braking_curve
-from controllers.policies.interface import Sensed, SpeedLimits, desired_velocity
+from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
 
 
-class FlockingParams(NamedTuple):
+class VasarhelyiParams(NamedTuple):
     """The 12 parameters of the policy, in the paper's order.
 
     Attributes:
@@ -51,7 +51,7 @@ class FlockingParams(NamedTuple):
 
 
 @kernel
-def _repulsion(params: FlockingParams, v_rep_max: float, rx: float, ry: float) -> tuple[float, float]:
+def _repulsion(params: VasarhelyiParams, v_rep_max: float, rx: float, ry: float) -> tuple[float, float]:
     """Velocity away from a neighbour at (rx, ry), m."""
     distance_sq = rx * rx + ry * ry
     if distance_sq >= params.r0_rep * params.r0_rep or distance_sq == 0:
@@ -62,7 +62,7 @@ def _repulsion(params: FlockingParams, v_rep_max: float, rx: float, ry: float) -
 
 
 @kernel
-def _alignment(params: FlockingParams, rx: float, ry: float, vx: float, vy: float) -> tuple[float, float]:
+def _alignment(params: VasarhelyiParams, rx: float, ry: float, vx: float, vy: float) -> tuple[float, float]:
     """Velocity towards that of a neighbour at (rx, ry), m, which moves at (vx, vy), m/s, as seen from the drone."""
     difference_sq = vx * vx + vy * vy
     if difference_sq <= params.v_frict * params.v_frict or difference_sq == 0:
@@ -81,7 +81,7 @@ def _alignment(params: FlockingParams, rx: float, ry: float, vx: float, vy: floa
 
 @kernel
 def _shill(
-    params: FlockingParams, distance: float, normal_x: float, normal_y: float, vx: float, vy: float
+    params: VasarhelyiParams, distance: float, normal_x: float, normal_y: float, vx: float, vy: float
 ) -> tuple[float, float]:
     """Velocity towards that of a wall's shill agent, for a drone `distance` metres before it that moves at (vx, vy)."""
     ex, ey = params.v_shill * normal_x - vx, params.v_shill * normal_y - vy
@@ -95,7 +95,9 @@ def _shill(
 
 
 @hot_kernel
-def flocking_velocity(params: FlockingParams, limits: SpeedLimits, sensed: Sensed, i: int) -> tuple[float, float]:
+def vasarhelyi_velocity(
+    params: VasarhelyiParams, limits: SpeedLimits, observation: Observation, i: int
+) -> tuple[float, float]:
     """What drone i wants before the cut to v_max, m/s, world: self-propulsion + repulsion + alignment + walls.
 
     A policy that adds to flocking calls this too, and cuts afterwards.
@@ -103,45 +105,47 @@ def flocking_velocity(params: FlockingParams, limits: SpeedLimits, sensed: Sense
     Args:
         params: the 12 parameters.
         limits: speeds of the scenario, m/s.
-        sensed: what each drone knows.
+        observation: what each drone knows.
         i: number of the drone.
     """
-    x, y = sensed.own_position[0, i], sensed.own_position[1, i]
-    vx, vy = sensed.own_velocity[0, i], sensed.own_velocity[1, i]
+    x, y = observation.own_position[0, i], observation.own_position[1, i]
+    vx, vy = observation.own_velocity[0, i], observation.own_velocity[1, i]
     speed = sqrt(vx * vx + vy * vy)
     cruise = limits.v_flock / speed if speed > 0 else 0.0
     want_x, want_y = cruise * vx, cruise * vy
-    for k in range(sensed.neighbour_count[i]):
-        j = sensed.neighbours[i, k]
-        rx, ry = sensed.heard_position[0, j] - x, sensed.heard_position[1, j] - y
+    for k in range(observation.neighbour_count[i]):
+        j = observation.neighbours[i, k]
+        rx, ry = observation.received_position[0, j] - x, observation.received_position[1, j] - y
         rep_x, rep_y = _repulsion(params, limits.v_rep_max, rx, ry)
         frict_x, frict_y = _alignment(
-            params, rx, ry, sensed.heard_velocity[0, j] - vx, sensed.heard_velocity[1, j] - vy
+            params, rx, ry, observation.received_velocity[0, j] - vx, observation.received_velocity[1, j] - vy
         )
         want_x += rep_x + frict_x
         want_y += rep_y + frict_y
-    for wall in range(sensed.wall_distance.shape[0]):
-        normal_x, normal_y = sensed.wall_normal[wall, 0, i], sensed.wall_normal[wall, 1, i]
-        shill_x, shill_y = _shill(params, sensed.wall_distance[wall, i], normal_x, normal_y, vx, vy)
+    for wall in range(observation.wall_distance.shape[0]):
+        normal_x, normal_y = observation.wall_normal[wall, 0, i], observation.wall_normal[wall, 1, i]
+        shill_x, shill_y = _shill(params, observation.wall_distance[wall, i], normal_x, normal_y, vx, vy)
         want_x += shill_x
         want_y += shill_y
     return want_x, want_y
 
 
-@implements(desired_velocity, FlockingParams)
-def flock(params: FlockingParams, limits: SpeedLimits, sensed: Sensed, out: NDArray[np.float64]) -> None:
-    """Desired velocity of each drone: `flocking_velocity`, cut to v_max.
+@implements(desired_velocity, VasarhelyiParams)
+def vasarhelyi_policy(
+    params: VasarhelyiParams, limits: SpeedLimits, observation: Observation, out: NDArray[np.float64]
+) -> None:
+    """Desired velocity of each drone: `vasarhelyi_velocity`, cut to v_max.
 
     Args:
         params: the 12 parameters.
         limits: speeds of the scenario, m/s.
-        sensed: what each drone knows.
+        observation: what each drone knows.
         out: (2, N), m/s, world; written.
     """
     for i in range(out.shape[1]):
-        want_x, want_y = flocking_velocity(params, limits, sensed, i)
+        want_x, want_y = vasarhelyi_velocity(params, limits, observation, i)
         out[0, i], out[1, i] = clip_length(want_x, want_y, limits.v_max)
 
 
-decide = entry_kernel(flock)
-"""`flock`, compiled, for callers outside a compiled flight: a live deployment, a notebook, a test."""
+decide = entry_kernel(vasarhelyi_policy)
+"""`vasarhelyi_policy`, compiled, for callers outside a compiled flight: a live deployment, a notebook, a test."""

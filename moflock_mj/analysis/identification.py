@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from controllers.flight_control.gain_design import Margins, design_gains
 from moflock_mj.analysis.step_response import respond_to_steps
 from moflock_mj.dynamics.airframe_models import load_airframe
-from moflock_mj.scenario.effect_configs import PointMassResponse
+from moflock_mj.scenario.effect_configs import PointMassConfig
 from moflock_mj.scenario.scenario import Scenario
 
 STEP_SIZES = (1.0, 3.0, 6.0)
@@ -75,7 +75,7 @@ class Identification(NamedTuple):
     """
 
     airframe: str
-    response: PointMassResponse
+    response: PointMassConfig
     error_rms: float
     error_max: float
     undelayed_rms: float
@@ -99,11 +99,11 @@ def identify(scenario: Scenario) -> Identification:
     flown = respond_to_steps(scenario, commands, LEG_SECONDS)
     step = float(flown.t[1])
 
-    def misfit(response: PointMassResponse) -> NDArray[np.float64]:
+    def misfit(response: PointMassConfig) -> NDArray[np.float64]:
         answered = respond_to_steps(scenario.replace(point_mass=response), commands, LEG_SECONDS, "point_mass")
         return np.asarray(((answered.velocity - flown.velocity) * along).sum(axis=1))
 
-    asked = PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
+    asked = PointMassConfig(tau=scenario.tau, a_max=scenario.a_max)
     best, undelayed = (_fit(misfit, asked, free) for free in (("tau", "a_max", "delay"), ("tau", "a_max")))
     error = misfit(best)
     first = (flown.velocity * along).sum(axis=1)[: round(LEG_SECONDS / step), 0] / STEP_SIZES[0]
@@ -137,7 +137,7 @@ def calibrated(scenario: Scenario) -> Scenario:
     return scenario if scenario.point_mass else scenario.replace(point_mass=identify(scenario).response)
 
 
-def _fit(misfit: Any, asked: PointMassResponse, free: tuple[str, ...]) -> PointMassResponse:
+def _fit(misfit: Any, asked: PointMassConfig, free: tuple[str, ...]) -> PointMassConfig:
     """The response with the least squares of `misfit`, the named fields being free."""
     from scipy.optimize import least_squares  # noqa: PLC0415
 
@@ -145,8 +145,8 @@ def _fit(misfit: Any, asked: PointMassResponse, free: tuple[str, ...]) -> PointM
     highest = {"tau": 60.0, "a_max": 100.0, "delay": LEG_SECONDS / 2}
     begin = {"tau": asked.tau, "a_max": asked.a_max, "delay": 0.1}
 
-    def response(values: NDArray[np.float64]) -> PointMassResponse:
-        return PointMassResponse(
+    def response(values: NDArray[np.float64]) -> PointMassConfig:
+        return PointMassConfig(
             **{"tau": asked.tau, "a_max": asked.a_max} | dict(zip(free, values.tolist(), strict=True))
         )
 

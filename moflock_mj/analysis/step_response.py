@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from controllers.compiling import Off, entry_kernel
 from moflock_mj.dynamics.interface import Noise, advance
 from moflock_mj.dynamics.point_mass import make_point_masses
-from moflock_mj.dynamics.rigid_body import RigidBodyFlock
+from moflock_mj.dynamics.rigid_body import RigidBodyModel
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 _SPACING = 100.0
 """m between drones, so that none meets another."""
@@ -51,22 +51,22 @@ def respond_to_steps(
     calm = scenario.replace(drones=drones, sigma_outer=0.0, wind=None, imu=None, downwash=None, faults=())
     step = calm.step_for("rigid_body")
     steps = round(seconds / step)
-    world = World.at_rest(drones)
+    world = TrueState.at_rest(drones)
     world.position[1] = _SPACING * np.arange(drones)
     world.position[2] = calm.altitude
     velocity = np.empty((count * steps, 2, drones))
     commanded = np.repeat(np.asarray(legs, np.float64), steps, axis=0)
     # The flock owns the memory of MuJoCo's that its plant sees, and must outlive the flight.
-    flock = RigidBodyFlock(calm, step, 1, world, Off(), Off()) if dynamics == "rigid_body" else None
-    plant = flock.plant if flock else make_point_masses(calm, step, world, Off())
-    _respond(plant, world, commanded, _silence(drones), velocity)
+    simulation = RigidBodyModel(calm, step, 1, world, Off(), Off()) if dynamics == "rigid_body" else None
+    model = simulation.dynamics if simulation else make_point_masses(calm, step, world, Off())
+    _respond(model, world, commanded, _silence(drones), velocity)
     return StepResponse(step * np.arange(count * steps), commanded, velocity)
 
 
 @entry_kernel
 def _respond(
-    plant: NamedTuple,
-    world: World,
+    model: NamedTuple,
+    world: TrueState,
     commanded: NDArray[np.float64],
     noise: Noise,
     velocity: NDArray[np.float64],
@@ -75,7 +75,7 @@ def _respond(
         for i in range(commanded.shape[2]):
             velocity[k, 0, i] = world.velocity[0, i]
             velocity[k, 1, i] = world.velocity[1, i]
-        advance(plant, world, commanded[k], noise.outer[0], noise, 1)
+        advance(model, world, commanded[k], noise.outer[0], noise, 1)
 
 
 def _silence(drones: int) -> Noise:

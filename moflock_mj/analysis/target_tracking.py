@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import FlightError, ScenarioError
 from moflock_mj.flight import fly_on
 from moflock_mj.metrics.samples import Samples
 from moflock_mj.parameters.points import with_target
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.results import Flight, Progress
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.simulation.simulation import Simulation
 
 TRANSIENT = 100.0
 """s, the beginning of a flight in which the flock is still on its way to the target."""
 
-_FEWEST = 8
+_MIN_SAMPLES = 8
 """Samples after the transient; a sine has four unknowns."""
 
 
@@ -78,7 +78,7 @@ class TargetResult:
 
 
 def track_target(
-    params: FlockingParams,
+    params: VasarhelyiParams,
     *,
     target: tuple[float, float] = (0.0, 0.0),
     scenario: Scenario | None = None,
@@ -104,12 +104,12 @@ def track_target(
         MoflockError: what was asked for cannot be flown, or the flight is too short for a fit.
     """
     scenario = scenario or Scenario()
-    if scenario.duration < transient + _FEWEST * scenario.sample_period:
+    if scenario.duration < transient + _MIN_SAMPLES * scenario.sample_period:
         raise ScenarioError(
             f"duration: {scenario.duration:g} s is too short: it must be over the {transient:g} s of transient"
         )
-    flock = Flock(with_target(params, target, scenario.arena_side), scenario, dynamics, seed)
-    flight = fly_on(flock, log=log, progress=progress)
+    simulation = Simulation(with_target(params, target, scenario.arena_side), scenario, dynamics, seed)
+    flight = fly_on(simulation, log=log, progress=progress)
     samples = cast("Samples", flight.samples)
     distance = target_distance(samples.position, target)
     steady = samples.t >= transient

@@ -13,17 +13,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import LogError
 from moflock_mj.flight import fly_on
 from moflock_mj.log.flight_logger import run_metadata
 from moflock_mj.log.reader import LoggedFlight
 from moflock_mj.log.schemas import RESUMED_AT, RESUMED_FROM, state_digests
-from moflock_mj.metrics.samples import Record, final_fitness, sample_times
+from moflock_mj.metrics.samples import SampleBuffer, final_fitness, sample_times
 from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import DEPLOYED, Scenario
 from moflock_mj.simulation.results import Flight, Progress
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.simulation.simulation import Simulation
 
 _CHUNK = 10.0
 """Simulated seconds that are flown between two comparisons."""
@@ -107,15 +107,15 @@ def verify(logged: LoggedFlight, progress: Progress | None = None) -> Verificati
     """
     began = time.perf_counter()
     _refuse_deployed(logged, "verify")
-    flock = _flock_at_start(logged)
-    start, changes = flock.time, _changes(logged, flock)
+    simulation = _flock_at_start(logged)
+    start, changes = simulation.time, _changes(logged, simulation)
     difference, last = None, float(logged.samples.t[-1])
-    while difference is None and not flock.finished and flock.time < last - 1e-9:
-        number = flock.samples
-        record = flock.fly(min(_CHUNK, last - flock.time), whole_states=True)
+    while difference is None and not simulation.finished and simulation.time < last - 1e-9:
+        number = simulation.samples
+        record = simulation.fly(min(_CHUNK, last - simulation.time), whole_states=True)
         difference = _first_difference(logged, record, number)
         if progress and len(record.nearest):
-            progress(flock.time, final_fitness(record, logged.scenario))
+            progress(simulation.time, final_fitness(record, logged.scenario))
     compared = difference.time if difference else last
     return Verification(
         log=logged.log,
@@ -133,7 +133,7 @@ def resume(
     logged: LoggedFlight,
     at: float,
     *,
-    params: FlockingParams | None = None,
+    params: VasarhelyiParams | None = None,
     duration: float | None = None,
     log: str | Path | None = None,
     keep_samples: bool = True,
@@ -164,17 +164,17 @@ def resume(
     if log is not None and Path(log).resolve() == logged.log.resolve():
         raise LogError(f"log: {log}: is the log that the flight is resumed from; it must be another file")
     state_time = _state_before(logged, at)
-    flock = Flock(
+    simulation = Simulation(
         logged.params if params is None else logged.params._replace(**check_point(params)._asdict()),
         _prolonged(logged.scenario, state_time, duration),
         logged.dynamics,
         logged.seed,
     )
-    _put(flock, logged, state_time)
-    if flock.finished:
-        raise LogError(f"log: {logged.log}: the flight ends at {flock.time:g} s; flying on needs a duration")
+    _put(simulation, logged, state_time)
+    if simulation.finished:
+        raise LogError(f"log: {logged.log}: the flight ends at {simulation.time:g} s; flying on needs a duration")
     origin = {RESUMED_FROM: logged.log.name, RESUMED_AT: repr(state_time)}
-    return fly_on(flock, log=log, origin=origin, keep_samples=keep_samples, progress=progress, stop=stop)
+    return fly_on(simulation, log=log, origin=origin, keep_samples=keep_samples, progress=progress, stop=stop)
 
 
 def _refuse_deployed(logged: LoggedFlight, what: str) -> None:
@@ -187,28 +187,28 @@ def _refuse_deployed(logged: LoggedFlight, what: str) -> None:
         raise LogError(f"{what}: {logged.log} is of vehicles over MAVLink; it must be of a simulated flight")
 
 
-def _flock_at_start(logged: LoggedFlight) -> Flock:
+def _flock_at_start(logged: LoggedFlight) -> Simulation:
     """The log's flock, as it was before the log's first sample."""
-    flock = Flock(logged.params, logged.scenario, logged.dynamics, logged.seed)
+    simulation = Simulation(logged.params, logged.scenario, logged.dynamics, logged.seed)
     if logged.start > 0:
         if not logged.states:
             raise LogError(f"log: {logged.log}: was resumed, but holds no state to fly again from")
-        _put(flock, logged, min(logged.states))
-    return flock
+        _put(simulation, logged, min(logged.states))
+    return simulation
 
 
-def _put(flock: Flock, logged: LoggedFlight, state_time: float) -> None:
+def _put(simulation: Simulation, logged: LoggedFlight, state_time: float) -> None:
     """Put a flock into one of the log's states.
 
     Raises:
         LogError: the state is none of this flock, or of another time than the log says.
     """
     try:
-        flock.restore(logged.states[state_time])
+        simulation.restore(logged.states[state_time])
     except LogError as problem:
         raise LogError(f"log: {logged.log}: at {state_time:g} s: {problem}") from None
-    if abs(flock.time - state_time) > 1e-6:
-        raise LogError(f"log: {logged.log}: the state at {state_time:g} s is that of {flock.time:g} s")
+    if abs(simulation.time - state_time) > 1e-6:
+        raise LogError(f"log: {logged.log}: the state at {state_time:g} s is that of {simulation.time:g} s")
 
 
 def _state_before(logged: LoggedFlight, at: float) -> float:
@@ -234,7 +234,7 @@ def _prolonged(scenario: Scenario, state_time: float, duration: float | None) ->
     return scenario.replace(duration=round(state_time + duration, 9))
 
 
-def _first_difference(logged: LoggedFlight, record: Record, first: int) -> Difference | None:
+def _first_difference(logged: LoggedFlight, record: SampleBuffer, first: int) -> Difference | None:
     """The first sample of a record, whose samples count from `first`, that the log has otherwise."""
     times = sample_times(logged.scenario, first, len(record.nearest)) / 1e9
     _, here, there = np.intersect1d(times, logged.samples.t, assume_unique=True, return_indices=True)
@@ -255,7 +255,7 @@ def _first_difference(logged: LoggedFlight, record: Record, first: int) -> Diffe
 
 
 def _points_differ(
-    logged: LoggedFlight, record: Record, here: NDArray[np.intp], there: NDArray[np.intp]
+    logged: LoggedFlight, record: SampleBuffer, here: NDArray[np.intp], there: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """(K, N), which drones' logged points are not those of the record's samples `here`."""
     samples = logged.samples
@@ -271,8 +271,8 @@ def _points_differ(
     return np.asarray(np.any(differ, axis=0), bool)
 
 
-def _changes(logged: LoggedFlight, flock: Flock) -> tuple[VersionChange, ...]:
+def _changes(logged: LoggedFlight, simulation: Simulation) -> tuple[VersionChange, ...]:
     """What is another version here than when the flight was logged."""
-    here = run_metadata(flock)
+    here = run_metadata(simulation)
     pairs = [(label, logged.metadata.get(name, ""), here[name]) for name, label in _VERSIONS.items()]
     return tuple(VersionChange(*pair) for pair in pairs if pair[1] != pair[2])

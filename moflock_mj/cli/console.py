@@ -81,16 +81,16 @@ def share_progress(what: str) -> Iterator[Callable[[float], None]]:
 @contextlib.contextmanager
 def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
     """Turn the first Ctrl-C (or SIGTERM) into a wish to stop; a second one breaks off at once."""
-    wish = threading.Event()
+    asked = threading.Event()
 
     def note(signal_number: int, frame: FrameType | None) -> None:  # noqa: ARG001
-        if wish.is_set():
+        if asked.is_set():
             raise KeyboardInterrupt
-        wish.set()
+        asked.set()
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield wish.is_set
+        yield asked.is_set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

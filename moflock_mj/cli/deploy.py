@@ -29,9 +29,9 @@ from moflock_mj.errors import CheckFailedError, DeploymentError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from moflock_mj.deployment.deployment import Check, Deployed, DeployPlan, Wishes
+    from moflock_mj.deployment.deployment import Check, Deployed, DeployPlan, InterruptHandler
     from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
-    from moflock_mj.ground_station.station import Ground
+    from moflock_mj.ground_station.station import GroundStation
     from moflock_mj.mavlink.signing import SigningKey
     from moflock_mj.metrics.events import FlightEvent
     from moflock_mj.scenario.scenario import Scenario
@@ -175,22 +175,22 @@ def deployment_summary(deployed: Deployed) -> dict[str, Any]:
 
 
 async def _deploy(plan: DeployPlan, key: SigningKey | None, check: Check | None, say: Any) -> Deployed:
-    from moflock_mj.deployment.deployment import Wishes, deploy
+    from moflock_mj.deployment.deployment import InterruptHandler, deploy
 
     whole = asyncio.current_task()
     assert whole is not None
-    wishes = Wishes(whole.cancel)
-    with _wishes_by_signal(wishes):
-        return await deploy(plan, key, wishes, check=check, say=say)
+    interrupts = InterruptHandler(whole.cancel)
+    with _interrupts_by_signal(interrupts):
+        return await deploy(plan, key, interrupts, check=check, say=say)
 
 
 @contextlib.contextmanager
-def _wishes_by_signal(wishes: Wishes) -> Iterator[None]:
+def _interrupts_by_signal(interrupts: InterruptHandler) -> Iterator[None]:
     """Turn Ctrl-C and SIGTERM into wishes; before anybody is armed, into an end."""
     loop = asyncio.get_running_loop()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     for number in before:
-        loop.add_signal_handler(number, wishes.press)
+        loop.add_signal_handler(number, interrupts.press)
     try:
         yield
     finally:
@@ -271,7 +271,7 @@ def deploy_vehicles(
         autopilot=autopilot,
         finish=Finish(finish),
         origin=parse_origin(origin) if origin else None,
-        dogs=Watchdogs.from_texts(watchdogs),
+        watchdogs=Watchdogs.from_texts(watchdogs),
         rehearse=rehearse,
         interval=interval,
         timeout=timeout,
@@ -288,7 +288,7 @@ def _permission(plan: DeployPlan, path: Path | None, key: SigningKey | None) -> 
 
     reports = candidates(path, key)
 
-    async def check(vehicles: list[RemoteVehicle], _: Ground) -> None:
+    async def check(vehicles: list[RemoteVehicle], _: GroundStation) -> None:
         scenario = plan.scenario.replace(drones=len(vehicles))
         require_permission(reports, plan.params, scenario, vehicles)
 

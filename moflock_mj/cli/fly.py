@@ -16,8 +16,8 @@ from moflock_mj.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from moflock_mj.simulation.results import Follower
-    from moflock_mj.simulation.simulation import Flock
+    from moflock_mj.simulation.results import FlightObserver
+    from moflock_mj.simulation.simulation import Simulation
 
 commands = typer.Typer()
 
@@ -58,14 +58,14 @@ def fly_command(
             keep_samples=False,
             progress=progress,
             stop=interrupted,
-            followers=[_live_view(port, live_speed)] if live else [],
+            observers=[_live_view(port, live_speed)] if live else [],
         )
     console.print_flight(flight, as_json=as_json)
     return 0 if flight.complete else INTERRUPTED
 
 
-def _live_view(port: int, speed: float) -> Callable[[Flock], Follower]:
+def _live_view(port: int, speed: float) -> Callable[[Simulation], FlightObserver]:
     """What makes the live view of a flock."""
     from moflock_mj.visualization.live_server import LiveServer
 
-    return lambda flock: LiveServer(flock, port=port, speed=speed)
+    return lambda simulation: LiveServer(simulation, port=port, speed=speed)

@@ -19,11 +19,11 @@ from moflock_mj.errors import ReportError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from controllers.policies.vasarhelyi import FlockingParams
+    from controllers.policies.vasarhelyi import VasarhelyiParams
     from moflock_mj.mavlink.signing import SigningKey
-    from moflock_mj.preflight.inspection import Inspection, LivePlan, Told
+    from moflock_mj.preflight.inspection import Inspection, LivePlan, StatusCallback
     from moflock_mj.preflight.report import Report
-    from moflock_mj.preflight.results import Grade, Item
+    from moflock_mj.preflight.results import CheckItem, CheckResult
     from moflock_mj.scenario.scenario import Scenario
     from moflock_mj.simulation.results import Flight
 
@@ -118,7 +118,7 @@ _STYLES = {"pass": "green", "warning": "yellow", "off": "dim"}
 
 def preflight(
     point_name: str,
-    params: FlockingParams,
+    params: VasarhelyiParams,
     scenario: Scenario,
     *,
     live: LivePlan | None,
@@ -194,13 +194,13 @@ def print_report(report: Report, path: Path, *, whole: bool) -> None:
     """Print a report: a table of what is not well, or of everything, what to do, and the verdict."""
     from rich.console import Console
 
-    from moflock_mj.preflight.results import Grade
+    from moflock_mj.preflight.results import CheckResult
 
     console = Console()
-    groups: dict[tuple[str, Grade], list[Item]] = {}
+    groups: dict[tuple[str, CheckResult], list[CheckItem]] = {}
     for item in report.items:
-        if whole or item.grade is not Grade.PASS:
-            groups.setdefault((item.name, item.grade), []).append(item)
+        if whole or item.result is not CheckResult.PASS:
+            groups.setdefault((item.name, item.result), []).append(item)
     if groups:
         console.print(_table(groups.values()))
     for (name, _), items in groups.items():
@@ -217,26 +217,26 @@ def print_report(report: Report, path: Path, *, whole: bool) -> None:
     console.print(f"report: {path}", highlight=False, soft_wrap=True)
 
 
-def _table(groups: Iterable[list[Item]]) -> Table:
+def _table(groups: Iterable[list[CheckItem]]) -> Table:
     """One row for the same check with the same grade of several vehicles."""
     from rich.table import Table
 
     table = Table("check", "of", "value", "limit", "grade")
     for items in groups:
-        grade = items[0].grade
-        style = _STYLES.get(grade.value, "red")
+        result = items[0].result
+        style = _STYLES.get(result.value, "red")
         limits = dict.fromkeys(item.limit for item in items)
         table.add_row(
             items[0].name,
             _who(items),
             _values(items),
             next(iter(limits)) + (" ..." if len(limits) > 1 else ""),
-            f"[{style}]{grade}[/{style}]",
+            f"[{style}]{result}[/{style}]",
         )
     return table
 
 
-def _who(items: Sequence[Item]) -> str:
+def _who(items: Sequence[CheckItem]) -> str:
     """The point, the flock, or vehicles, with ranges: "vehicles 1-3, 7"."""
     numbers = sorted(int(item.about.split()[1]) for item in items if " " in item.about)
     if not numbers:
@@ -251,7 +251,7 @@ def _who(items: Sequence[Item]) -> str:
     return f"vehicle{'s' * (len(numbers) > 1)} {told}"
 
 
-def _values(items: Sequence[Item]) -> str:
+def _values(items: Sequence[CheckItem]) -> str:
     """The value, or the least and the largest."""
     values, unit = [item.value for item in items], items[0].unit
     numbers = sorted(value for value in values if isinstance(value, float))
@@ -264,12 +264,12 @@ def _values(items: Sequence[Item]) -> str:
 
 def _counts(report: Report) -> str:
     """How many items passed, of the point, the flock and the vehicles."""
-    from moflock_mj.preflight.results import FLOCK, POINT, Grade
+    from moflock_mj.preflight.results import FLOCK, POINT, CheckResult
 
     parts: dict[str, list[bool]] = {}
     for item in report.items:
         part = item.about if item.about in (POINT, FLOCK) else "vehicles"
-        parts.setdefault(part, []).append(item.grade is Grade.PASS)
+        parts.setdefault(part, []).append(item.result is CheckResult.PASS)
     return ", ".join(f"{name} {sum(passed)} of {len(passed)}" for name, passed in parts.items())
 
 
@@ -282,7 +282,7 @@ def _energy(flights: Sequence[Flight], scenario: Scenario) -> float | None:
 
 
 @contextlib.contextmanager
-def _status() -> Iterator[Told]:
+def _status() -> Iterator[StatusCallback]:
     """A line on stderr, if that is a terminal, of what is being done."""
     from rich.console import Console
 

@@ -76,7 +76,7 @@ def replay_command(
         return resume_log(logs[0], resume, point=point, duration=duration, log=log, as_json=as_json)
     if recover:
         return recover_log(logs[0], log, as_json=as_json)
-    look = Look(
+    look = RenderOptions(
         viewer=viewer,
         video=video,
         picture=picture,
@@ -94,7 +94,7 @@ def replay_command(
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Look:
+class RenderOptions:
     """Forms in which a flight is to be seen; None for those that are not asked for.
 
     Attributes:
@@ -128,7 +128,7 @@ class Look:
         return {form: getattr(self, form) for form in forms if getattr(self, form) is not None}
 
 
-def show_logs(logs: list[Path], look: Look, *, as_json: bool) -> int:
+def show_logs(logs: list[Path], look: RenderOptions, *, as_json: bool) -> int:
     """Read one log or two, and show them; print their figures.
 
     Raises:
@@ -220,14 +220,14 @@ def recover_log(broken: Path, out: Path | None, *, as_json: bool) -> int:
     return 0
 
 
-def _make(form: str, flights: list[LoggedFlight], path: Path, look: Look) -> None:
+def _make(form: str, flights: list[LoggedFlight], path: Path, look: RenderOptions) -> None:
     """Write one form of the flights; each form loads its own library."""
     from moflock_mj.cli.console import share_progress
 
     if form == "picture":
-        from moflock_mj.visualization.flight_figure import draw_picture
+        from moflock_mj.visualization.flight_figure import save_flight_figure
 
-        draw_picture(flights, path)
+        save_flight_figure(flights, path)
     elif form == "html":
         from moflock_mj.visualization.html_page import write_page
 

@@ -18,7 +18,7 @@ from moflock_mj.cli.console import stop_on_interrupt
 from moflock_mj.errors import FleetError
 from moflock_mj.sitl.interface import HOST
 from moflock_mj.sitl.lockstep import LockStep, PhysicsPlan
-from moflock_mj.sitl.processes import PLACEHOLDERS, Programs, fill_command
+from moflock_mj.sitl.processes import PLACEHOLDERS, Processes, fill_command
 
 _REFRESH = 0.5
 """s, between two status lines."""
@@ -46,7 +46,7 @@ def run_physics(
         fill_command(command, dict.fromkeys(PLACEHOLDERS, 0))
     console = Console(stderr=True)
     with contextlib.ExitStack() as stack:
-        programs: list[Programs] = []
+        programs: list[Processes] = []
         preparing = console.status("preparing (the first time compiles for some 20 s)")
         with preparing if console.is_terminal else contextlib.nullcontext():
             world = LockStep(
@@ -59,7 +59,7 @@ def run_physics(
         interrupted = stack.enter_context(stop_on_interrupt())
         if command is not None:
             commands = [fill_command(command, values) for values in _values(world)]
-            programs.append(stack.enter_context(Programs(commands, folder or _new_folder(plan))))
+            programs.append(stack.enter_context(Processes(commands, folder or _new_folder(plan))))
         _print_start(world, programs[0].folder if programs else None, as_json=as_json)
         began = time.perf_counter()
         if world.gather(interrupted):

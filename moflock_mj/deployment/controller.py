@@ -9,15 +9,15 @@ from typing import Protocol
 
 import numpy as np
 
-from controllers.policies.interface import Sensed, SpeedLimits
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.interface import Observation, SpeedLimits
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.deployment.loop_health import Health
 from moflock_mj.deployment.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
 from moflock_mj.deployment.setpoint_timing import Latency
-from moflock_mj.deployment.steering import Flockmates, steer
-from moflock_mj.deployment.watchdogs import SLOWED, Action, Alarm, Look, Watchdogs, alarms
-from moflock_mj.ground_station.piloting import STREAM_FIRST, Task, velocity_setpoint
-from moflock_mj.ground_station.station import Ground
+from moflock_mj.deployment.steering import FlockMembers, steer
+from moflock_mj.deployment.watchdogs import SLOWED, Action, Alarm, VehicleSnapshot, Watchdogs, alarms
+from moflock_mj.ground_station.piloting import STREAM_FIRST, FlightTask, velocity_setpoint
+from moflock_mj.ground_station.station import GroundStation
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.square import SquareArena
 
@@ -34,9 +34,9 @@ _SETTLED = 0.5
 """m/s, up or down, under which it does."""
 _LAYER = 6.0
 """m, of height between a vehicle and the flock, from which on they need not keep off each other."""
-_RANK = (Task.OBEY, Task.HOLD, Task.RETURN, Task.LAND)
+_RANK = (FlightTask.OFFBOARD, FlightTask.HOLD, FlightTask.RETURN, FlightTask.LAND)
 """Tasks, each more final than those before."""
-_TASKS = {Action.HOLD: Task.HOLD, Action.RETURN: Task.RETURN, Action.LAND: Task.LAND}
+_TASKS = {Action.HOLD: FlightTask.HOLD, Action.RETURN: FlightTask.RETURN, Action.LAND: FlightTask.LAND}
 
 
 class Recorder(Protocol):
@@ -57,7 +57,7 @@ class Controller:
         scenario: speeds, arena, height.
         members: the vehicles, by number.
         ground: their links.
-        dogs: watchdogs over each.
+        watchdogs: watchdogs over each.
         recorder: told what happens.
 
     Attributes:
@@ -67,11 +67,11 @@ class Controller:
 
     def __init__(
         self,
-        params: FlockingParams,
+        params: VasarhelyiParams,
         scenario: Scenario,
         members: Sequence[Member],
-        ground: Ground,
-        dogs: Watchdogs,
+        ground: GroundStation,
+        watchdogs: Watchdogs,
         recorder: Recorder,
     ) -> None:
         self.scenario = scenario
@@ -85,10 +85,10 @@ class Controller:
         self._limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
         self._ground = ground
         self._rivals: set[str] = set()
-        self._dogs = dogs
+        self._watchdogs = watchdogs
         self._recorder = recorder
-        self._sensed = Sensed.empty(len(self.members), self.arena.walls)
-        self._mates = Flockmates.none(len(self.members))
+        self._observation = Observation.empty(len(self.members), self.arena.walls)
+        self._members = FlockMembers.none(len(self.members))
 
     async def run(self) -> None:
         """Tick in time until cancelled."""
@@ -115,7 +115,7 @@ class Controller:
         self._command(now)
         self._recorder.sample(self)
 
-    def leave(self, member: Member, task: Task, now: float) -> None:
+    def leave(self, member: Member, task: FlightTask, now: float) -> None:
         """Take a vehicle out of the flock, and let it hold, return or land; one that lands is not called back."""
         if member.stage is Stage.LEFT and member.task is not None and _RANK.index(task) <= _RANK.index(member.task):
             return
@@ -123,7 +123,7 @@ class Controller:
             member.stage = Stage.LEFT
             member.tell(task, now)
 
-    def leave_all(self, task: Task) -> None:
+    def leave_all(self, task: FlightTask) -> None:
         """Let all vehicles that are ours to command hold, return or land."""
         now = asyncio.get_running_loop().time()
         for member in self.members:
@@ -146,7 +146,7 @@ class Controller:
             member.stage, member.streaming_since = Stage.READY, now
         elif member.stage is Stage.READY and member.task is None:
             if now - member.streaming_since > STREAM_FIRST:
-                member.tell(Task.OBEY, now)
+                member.tell(FlightTask.OFFBOARD, now)
         elif member.stage is Stage.READY and self.flocking and member.obeys:
             member.stage = Stage.FLOCKING
 
@@ -161,7 +161,7 @@ class Controller:
             if member.stage not in IN_OUR_HANDS:
                 continue
             vehicle = member.vehicle
-            look = Look(
+            look = VehicleSnapshot(
                 position=member.position,
                 velocity=member.velocity,
                 fix_age=vehicle.fix_age,
@@ -169,7 +169,7 @@ class Controller:
                 battery=vehicle.battery,
                 nearest=nearest[member.number] if member.stage is Stage.FLOCKING else math.inf,
             )
-            found = alarms(look, self._dogs, self.arena.side / 2, self.scenario.tau)
+            found = alarms(look, self._watchdogs, self.arena.side / 2, self.scenario.tau)
             self._act(member, found, now)
 
     def _watch_ids(self) -> None:
@@ -208,17 +208,17 @@ class Controller:
 
     def _steer(self) -> None:
         """Let the policy fly those of the flock; the others' velocities are zero."""
-        sensed, mates = self._sensed, self._mates
+        observation, members = self._observation, self._members
         for member in self.members:
             i, (x, y, spread) = member.number, member.expected_place()
             flocks = member.stage is Stage.FLOCKING
-            sensed.own_position[:, i] = member.position[:2]
-            sensed.own_velocity[:, i] = sensed.heard_velocity[:, i] = member.velocity[:2]
-            sensed.heard_position[:, i] = member.position[:2] if flocks else (x, y)
-            mates.agents[i] = flocks
-            mates.shunned[i] = self._is_in_the_way(member)
-            mates.keep_off[i] = self._dogs.keep_off + spread
-        steer(self._params, self._limits, self.arena, self.scenario.r_comm, mates, sensed, self.desired)
+            observation.own_position[:, i] = member.position[:2]
+            observation.own_velocity[:, i] = observation.received_velocity[:, i] = member.velocity[:2]
+            observation.received_position[:, i] = member.position[:2] if flocks else (x, y)
+            members.agents[i] = flocks
+            members.avoided[i] = self._is_in_the_way(member)
+            members.keep_off[i] = self._watchdogs.keep_off + spread
+        steer(self._params, self._limits, self.arena, self.scenario.r_comm, members, observation, self.desired)
         for member in self.members:
             if member.slowed:
                 self.desired[:, member.number] *= SLOWED

@@ -10,20 +10,20 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.deployment.controller import Controller
 from moflock_mj.deployment.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
 from moflock_mj.deployment.prelaunch import check_start, prepare, require_simulated
-from moflock_mj.deployment.recorder import Figures, Record
+from moflock_mj.deployment.recorder import DeploymentRecorder, Figures
 from moflock_mj.deployment.return_paths import is_clear
 from moflock_mj.deployment.steering import compile_policy
 from moflock_mj.deployment.watchdogs import Watchdogs
-from moflock_mj.errors import DeploymentError, OrderError
+from moflock_mj.errors import CommandError, DeploymentError
 from moflock_mj.ground_station import piloting
 from moflock_mj.ground_station.origin import find_origin
-from moflock_mj.ground_station.piloting import Task
+from moflock_mj.ground_station.piloting import FlightTask
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
-from moflock_mj.ground_station.station import Ground, vehicles_at
+from moflock_mj.ground_station.station import GroundStation, vehicles_at
 from moflock_mj.mavlink.addresses import Connection
 from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.signing import SigningKey
@@ -63,7 +63,7 @@ class DeployPlan:
         autopilot: what all must be, "ardupilot" or "px4"; None: either.
         finish: how it ends.
         origin: latitude and longitude of the arena's middle, degrees; None: the mean of the vehicles' homes.
-        dogs: watchdogs over each vehicle.
+        watchdogs: watchdogs over each vehicle.
         rehearse: whether only simulated vehicles take part, which need no report.
         interval: s, between two take-offs.
         timeout: s, to wait for the vehicles.
@@ -71,14 +71,14 @@ class DeployPlan:
         metadata: what else the log says of itself.
     """
 
-    params: FlockingParams
+    params: VasarhelyiParams
     scenario: Scenario
     connections: tuple[Connection, ...]
     count: int | None = None
     autopilot: str | None = None
     finish: Finish = Finish.LAND
     origin: tuple[float, float] | None = None
-    dogs: Watchdogs = dataclasses.field(default_factory=Watchdogs)
+    watchdogs: Watchdogs = dataclasses.field(default_factory=Watchdogs)
     rehearse: bool = False
     interval: float = 1.0
     timeout: float = 10.0
@@ -111,7 +111,7 @@ class Deployed:
     counts: dict[str, int]
 
 
-class Wishes:
+class InterruptHandler:
     """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves.
 
     Args:
@@ -135,14 +135,14 @@ class Wishes:
         self._pressed.clear()
 
 
-Check = Callable[[list[RemoteVehicle], Ground], Awaitable[None]]
+Check = Callable[[list[RemoteVehicle], GroundStation], Awaitable[None]]
 """Raises what keeps these vehicles on the ground."""
 
 
 async def deploy(
     plan: DeployPlan,
     key: SigningKey | None,
-    wishes: Wishes,
+    interrupts: InterruptHandler,
     *,
     check: Check | None = None,
     say: Callable[[FlightEvent], None] = lambda _: None,
@@ -152,7 +152,7 @@ async def deploy(
     Args:
         plan: what is deployed.
         key: of the links' signatures, or None.
-        wishes: of somebody at the keyboard.
+        interrupts: of somebody at the keyboard.
         check: of the vehicles, such as that a pre-flight report is theirs.
         say: told each event.
 
@@ -162,7 +162,7 @@ async def deploy(
     compile_policy(plan.params, plan.scenario)
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
         plan = dataclasses.replace(plan, scenario=plan.scenario.replace(drones=len(vehicles)))
-        styles = _styles(vehicles, plan.autopilot)
+        profiles = _styles(vehicles, plan.autopilot)
         await prepare(vehicles)
         if plan.rehearse:
             await require_simulated(vehicles)
@@ -172,20 +172,20 @@ async def deploy(
         members = [Member(number, vehicle, origin) for number, vehicle in enumerate(vehicles)]
         for member in members:
             member.look()
-        check_start(members, plan.scenario, plan.dogs)
+        check_start(members, plan.scenario, plan.watchdogs)
         metadata = plan.metadata | {
-            "autopilots": ", ".join(sorted(styles)),
+            "autopilots": ", ".join(sorted(profiles)),
             "origin": f"{origin.latitude:.7f},{origin.longitude:.7f},{origin.altitude:.2f}",
             "vehicles": ", ".join(f"{vehicle.system}@{vehicle.where}" for vehicle in vehicles),
         }
         clock = asyncio.get_running_loop().time
-        with Record(plan.log, plan.params, plan.scenario, members, clock, metadata, say) as record:
-            flock = Controller(plan.params, plan.scenario, members, ground, plan.dogs, record)
+        with DeploymentRecorder(plan.log, plan.params, plan.scenario, members, clock, metadata, say) as record:
+            flock = Controller(plan.params, plan.scenario, members, ground, plan.watchdogs, record)
             ground.check_ids()
             flight = _Flight(plan, flock, record, members)
-            wishes.in_flight = True
+            interrupts.in_flight = True
             with ground.observed_by(record.packet):
-                await flight.fly(wishes)
+                await flight.fly(interrupts)
             figures = record.figures(flock)
             record.finish(figures, flight.error)
         return Deployed(
@@ -206,17 +206,17 @@ def _styles(vehicles: list[RemoteVehicle], wanted: str | None) -> set[str]:
     Raises:
         MoflockError: one is not what it must be.
     """
-    styles = {vehicle: piloting.style_of(vehicle).name for vehicle in vehicles}
-    for vehicle, style in styles.items():
-        if wanted not in (None, style):
-            raise DeploymentError(f"{vehicle}: autopilot is {style}; it must be {wanted}")
-    return set(styles.values())
+    profiles = {vehicle: piloting.profile_of(vehicle).name for vehicle in vehicles}
+    for vehicle, profile in profiles.items():
+        if wanted not in (None, profile):
+            raise DeploymentError(f"{vehicle}: autopilot is {profile}; it must be {wanted}")
+    return set(profiles.values())
 
 
 class _Flight:
     """The stages from arming to the end."""
 
-    def __init__(self, plan: DeployPlan, flock: Controller, record: Record, members: list[Member]) -> None:
+    def __init__(self, plan: DeployPlan, flock: Controller, record: DeploymentRecorder, members: list[Member]) -> None:
         self.error: str | None = None
         self.interrupted = False
         self._plan = plan
@@ -224,13 +224,13 @@ class _Flight:
         self._record = record
         self._members = members
 
-    async def fly(self, wishes: Wishes) -> None:
+    async def fly(self, interrupts: InterruptHandler) -> None:
         """Fly the stages while the controller runs, and do what somebody wishes meanwhile."""
         control = asyncio.create_task(self._flock.run())
         job = asyncio.create_task(self._stages_or_land())
         answers = [self._hold_on, self._come_down]
         try:
-            while not await _done_before(job, control, wishes):
+            while not await _done_before(job, control, interrupts):
                 self.interrupted = True
                 await _cancelled(job)
                 if not answers:
@@ -244,7 +244,7 @@ class _Flight:
     async def _stages_or_land(self) -> None:
         try:
             await self._stages()
-        except OrderError as problem:
+        except CommandError as problem:
             self._record.event("error", str(problem))
             await self._come_down()
             self.error = str(problem)
@@ -283,11 +283,13 @@ class _Flight:
 
         def ready() -> bool:
             ours = self._ours()
-            return all(member.stage is Stage.READY and member.task is Task.OBEY and member.obeys for member in ours)
+            return all(
+                member.stage is Stage.READY and member.task is FlightTask.OFFBOARD and member.obeys for member in ours
+            )
 
         if not await _until(ready, patience):
             slow = next(member for member in self._ours() if member.stage is not Stage.READY or not member.obeys)
-            raise OrderError(
+            raise CommandError(
                 f"{slow.vehicle}: at {slow.height:.1f} m in {slow.vehicle.mode_name} after {patience:.0f} s; it must "
                 f"be at {self._plan.scenario.altitude:g} m and obey setpoints"
             )
@@ -312,46 +314,46 @@ class _Flight:
             await self._return()
         else:
             self._record.event("info", "all hold")
-            self._flock.leave_all(Task.HOLD)
+            self._flock.leave_all(FlightTask.HOLD)
             await _until(lambda: all(member.obeys for member in self._left()), _SETTLING)
 
     async def _hold_on(self) -> None:
         """All hold until somebody says more."""
         self._record.event("warning", "all hold; once more: all land")
-        self._flock.leave_all(Task.HOLD)
+        self._flock.leave_all(FlightTask.HOLD)
         await _until(lambda: not self._left(), None)
 
     async def _come_down(self) -> None:
         """All land where they are."""
         self._record.event("info", "all land")
-        self._flock.leave_all(Task.LAND)
+        self._flock.leave_all(FlightTask.LAND)
         await self._all_down()
 
     async def _return(self) -> None:
         """All return, each as soon as its way home is clear of all others."""
         self._record.event("info", "all return")
-        self._flock.leave_all(Task.HOLD)
+        self._flock.leave_all(FlightTask.HOLD)
         loop = asyncio.get_running_loop()
         moved = loop.time()
-        while waiting := [member for member in self._left() if member.task is Task.HOLD]:
+        while waiting := [member for member in self._left() if member.task is FlightTask.HOLD]:
             for member in waiting:
                 if member.obeys and self._may_return(member):
-                    self._flock.leave(member, Task.RETURN, loop.time())
-            if any(member.task is Task.RETURN for member in self._left()):
+                    self._flock.leave(member, FlightTask.RETURN, loop.time())
+            if any(member.task is FlightTask.RETURN for member in self._left()):
                 moved = loop.time()
             if loop.time() - moved > _RETURN_PATIENCE:
                 self._record.event("warning", f"{len(waiting)} vehicles have no clear way home: they land")
-                self._flock.leave_all(Task.LAND)
+                self._flock.leave_all(FlightTask.LAND)
             await asyncio.sleep(4 * _POLL)
         await self._all_down()
 
     def _may_return(self, member: Member) -> bool:
         others = [
-            _way(other, homeward=other.task is Task.RETURN)
+            _way(other, homeward=other.task is FlightTask.RETURN)
             for other in self._members
             if other is not member and other.stage in IN_THE_AIR
         ]
-        return is_clear(_way(member, homeward=True), others, _CLEARANCE * self._plan.dogs.separation.limit)
+        return is_clear(_way(member, homeward=True), others, _CLEARANCE * self._plan.watchdogs.separation.limit)
 
     async def _all_down(self) -> None:
         if not await _until(lambda: not self._left() or self._unheard(), _DOWN_PATIENCE):
@@ -377,9 +379,9 @@ def _way(member: Member, *, homeward: bool) -> tuple[tuple[float, float], tuple[
     return here, (member.home if homeward else here)
 
 
-async def _done_before(job: asyncio.Task[None], control: asyncio.Task[None], wishes: Wishes) -> bool:
+async def _done_before(job: asyncio.Task[None], control: asyncio.Task[None], interrupts: InterruptHandler) -> bool:
     """Whether a job is over before somebody wishes something; a controller that fails ends all."""
-    wish = asyncio.create_task(wishes.next())
+    wish = asyncio.create_task(interrupts.next())
     try:
         await asyncio.wait({job, control, wish}, return_when=asyncio.FIRST_COMPLETED)
         if control.done():
@@ -403,5 +405,5 @@ async def _until(condition: Callable[[], bool], patience: float | None) -> bool:
 async def _cancelled(task: asyncio.Task[Any]) -> None:
     """End a task; what it has to say of that is of no interest."""
     task.cancel()
-    with contextlib.suppress(asyncio.CancelledError, OrderError):
+    with contextlib.suppress(asyncio.CancelledError, CommandError):
         await task

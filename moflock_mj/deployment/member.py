@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 
-from moflock_mj.ground_station.piloting import Style, Task, mode_order, style_of
+from moflock_mj.ground_station.piloting import AutopilotProfile, FlightTask, mode_order, profile_of
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.frames import Origin, Triple
 
@@ -51,16 +51,16 @@ class Member:
     def __init__(self, number: int, vehicle: RemoteVehicle, origin: Origin) -> None:
         self.number = number
         self.vehicle = vehicle
-        self.style: Style = style_of(vehicle)
+        self.profile: AutopilotProfile = profile_of(vehicle)
         self.stage = Stage.GROUND
-        self.task: Task | None = None
+        self.task: FlightTask | None = None
         self.slowed: frozenset[str] = frozenset()
         self.position: Triple = (0.0, 0.0, 0.0)
         self.velocity: Triple = (0.0, 0.0, 0.0)
         self.streaming_since = 0.0
         """s, since when it gets setpoints: at its height."""
         self._origin = origin
-        self._allowed: set[int] = {*self.style.taking_off, vehicle.mode}
+        self._allowed: set[int] = {*self.profile.taking_off, vehicle.mode}
         self._confirmed = True
         self._told = self._again = 0.0
 
@@ -87,7 +87,11 @@ class Member:
     @property
     def streams(self) -> bool:
         """Whether it still flies by setpoints, at its height."""
-        return self.streaming_since > 0 and not self._confirmed and self.vehicle.mode == self.style.modes[Task.OBEY]
+        return (
+            self.streaming_since > 0
+            and not self._confirmed
+            and self.vehicle.mode == self.profile.modes[FlightTask.OFFBOARD]
+        )
 
     def settled(self, now: float) -> bool:
         """Whether it stays as it is: disarmed, and no order is on its way that could yet arm it."""
@@ -112,11 +116,11 @@ class Member:
     def climb(self) -> None:
         """It has left the ground: from now on it is in no mode that a take-off does not need."""
         self.stage = Stage.CLIMBING
-        self._allowed = set(self.style.taking_off)
+        self._allowed = set(self.profile.taking_off)
 
-    def tell(self, task: Task, now: float) -> None:
+    def tell(self, task: FlightTask, now: float) -> None:
         """Give it a task; the order goes out with the next `update`, and again until HEARTBEAT shows it."""
-        wanted = self.style.modes[task]
+        wanted = self.profile.modes[task]
         # Orders that are still under way may yet show, and so may the end of a take-off, after which PX4 holds.
         pending = set() if self._confirmed and self.task is not None else self._allowed
         self._allowed = {self.vehicle.mode, wanted} | pending
@@ -127,7 +131,7 @@ class Member:
         mode = self.vehicle.mode
         if self.task is None:
             return mode in self._allowed
-        wanted = self.style.modes[self.task]
+        wanted = self.profile.modes[self.task]
         if mode == wanted:
             self._confirmed, self._allowed = True, self._afterwards(wanted)
         elif mode not in self._allowed:
@@ -139,4 +143,4 @@ class Member:
 
     def _afterwards(self, wanted: int) -> set[int]:
         """Modes that it may be in once it has obeyed: a return ends with a landing."""
-        return {wanted, self.style.modes[Task.LAND]} if self.task is Task.RETURN else {wanted}
+        return {wanted, self.profile.modes[FlightTask.LAND]} if self.task is FlightTask.RETURN else {wanted}

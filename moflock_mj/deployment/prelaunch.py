@@ -98,7 +98,7 @@ async def _is_simulated(vehicle: RemoteVehicle) -> bool:
     return ardupilot and await request_message(vehicle, mavlink.MAVLINK_MSG_ID_SIMSTATE, tries=2) is not None
 
 
-def check_start(members: Sequence[Member], scenario: Scenario, dogs: Watchdogs) -> None:
+def check_start(members: Sequence[Member], scenario: Scenario, watchdogs: Watchdogs) -> None:
     """Refuse what must not take off, whatever a report says.
 
     Raises:
@@ -114,14 +114,16 @@ def check_start(members: Sequence[Member], scenario: Scenario, dogs: Watchdogs) 
             raise DeploymentError(
                 f"{vehicle}: stands outside of the arena ({where} from its middle; half of its side is {half:g} m)"
             )
-        if vehicle.battery is not None and vehicle.battery < dogs.battery.limit:
+        if vehicle.battery is not None and vehicle.battery < watchdogs.battery.limit:
             share = f"{100 * vehicle.battery:.0f} %"
-            raise DeploymentError(f"{vehicle}: battery at {share}; it must be over {100 * dogs.battery.limit:.0f} %")
+            raise DeploymentError(
+                f"{vehicle}: battery at {share}; it must be over {100 * watchdogs.battery.limit:.0f} %"
+            )
     for place, member in enumerate(members):
         for other in members[:place]:
             apart = math.dist(member.position[:2], other.position[:2])
-            if apart < dogs.separation.limit:
+            if apart < watchdogs.separation.limit:
                 raise DeploymentError(
                     f"vehicles {other.system} and {member.system} stand {apart:.1f} m apart; it must be at least "
-                    f"{dogs.separation.limit:g} m"
+                    f"{watchdogs.separation.limit:g} m"
                 )

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.deployment.controller import Controller
 from moflock_mj.deployment.member import Member
 from moflock_mj.deployment.setpoint_timing import LatencyFigures
-from moflock_mj.deployment.steering import judge
+from moflock_mj.deployment.steering import score
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.ground_station.station import Traffic
 from moflock_mj.log.encoder import LinkPacket, LogHeader, SampleBlock
@@ -28,10 +28,10 @@ from moflock_mj.log.writer import FlightLog
 from moflock_mj.mavlink.frames import frd_of_flu, quaternion_of_euler
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness, fitness_of
-from moflock_mj.metrics.order_parameters import OrderParameters, Tally, Yardstick, cluster_range
+from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, OrderParameters, cluster_range
 from moflock_mj.scenario.scenario import DEPLOYED, Scenario
 from moflock_mj.world.square import SquareArena
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 _BLOCK = 10
 """Samples that go to the log at once."""
@@ -57,7 +57,7 @@ class Figures(NamedTuple):
     latency: LatencyFigures | None
 
 
-class Record:
+class DeploymentRecorder:
     """Takes down a deployed flight; a context manager that finishes the log.
 
     Args:
@@ -79,7 +79,7 @@ class Record:
     def __init__(
         self,
         path: Path | None,
-        params: FlockingParams,
+        params: VasarhelyiParams,
         scenario: Scenario,
         members: Sequence[Member],
         clock: Callable[[], float],
@@ -93,10 +93,10 @@ class Record:
         self._clock = clock
         self._say = say
         self._arena = SquareArena(scenario.arena_side)
-        self._yardstick = Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll)
+        self._ranges = MetricRanges(cluster_range(params, scenario.v_flock), scenario.r_coll)
         drones = len(members)
-        self._world = World.at_rest(drones)
-        self._tally = Tally.empty(drones, self._arena.walls)
+        self._world = TrueState.at_rest(drones)
+        self._accumulator = MetricAccumulator.empty(drones, self._arena.walls)
         self._running = np.zeros(6)
         self._flocking_since: float | None = None
         self.flocked = 0.0
@@ -194,12 +194,12 @@ class Record:
                 qpos[i, 3:] = quaternion_of_euler(attitude.roll, -attitude.pitch, math.pi / 2 - attitude.yaw)
                 qvel[i, 3:] = frd_of_flu((attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed))
         counts = flock.flocking and self.flocked >= self._scenario.warm_up
-        nearest = judge(self._world, self._arena, self._yardstick, counts, self._tally, self._running)
+        nearest = score(self._world, self._arena, self._ranges, counts, self._accumulator, self._running)
         if counts:
             self._nearest = min(self._nearest, nearest)
             beyond = float(np.abs(self._world.position[:2]).max()) - self._scenario.arena_side / 2
             self._outside = max(self._outside, beyond)
-        return qpos, qvel, flock.desired.T.copy(), SEVERITY[self._tally.status], self._running.copy()
+        return qpos, qvel, flock.desired.T.copy(), SEVERITY[self._accumulator.status], self._running.copy()
 
     def _write(self) -> None:
         """Hand the rows to the log."""
@@ -211,7 +211,7 @@ class Record:
         self._log.write(SampleBlock(time_ns, qpos, qvel, desired, status, running, np.stack(fitness, axis=1)))
 
 
-def _open(path: Path, params: FlockingParams, scenario: Scenario, more: Mapping[str, str]) -> FlightLog:
+def _open(path: Path, params: VasarhelyiParams, scenario: Scenario, more: Mapping[str, str]) -> FlightLog:
     step = scenario.step_for("rigid_body")
     metadata = {
         "scenario": scenario.to_toml(),

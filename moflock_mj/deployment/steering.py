@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 from controllers.compiling import entry_kernel, kernel
 from controllers.geometry import clip_length
 from controllers.policies.braking import braking_curve
-from controllers.policies.interface import Sensed, SpeedLimits, desired_velocity
-from controllers.policies.vasarhelyi import FlockingParams
-from moflock_mj.metrics.order_parameters import Tally, Yardstick, cluster_range, count_sample, write_running
+from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
+from controllers.policies.vasarhelyi import VasarhelyiParams
+from moflock_mj.metrics.order_parameters import (
+    MetricAccumulator,
+    MetricRanges,
+    cluster_range,
+    count_sample,
+    write_running,
+)
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.square import SquareArena
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
 _BRAKING = 3.0
@@ -28,22 +34,22 @@ _SLOPE = 1.0
 """1/s, of the last metres of that."""
 
 
-class Flockmates(NamedTuple):
+class FlockMembers(NamedTuple):
     """Which drones fly by the policy, and which others they keep off.
 
     Attributes:
         agents: (N,), 1 for a drone of the flock: it flies by the policy, and the policy of the others heeds it.
-        shunned: (N,), 1 for one that has left the flock and is in its layer: it is no agent to anybody, but nobody
+        avoided: (N,), 1 for one that has left the flock and is in its layer: it is no agent to anybody, but nobody
             comes nearer to it than `keep_off`.
         keep_off: (N,), m, around each shunned one.
     """
 
     agents: NDArray[np.uint8]
-    shunned: NDArray[np.uint8]
+    avoided: NDArray[np.uint8]
     keep_off: NDArray[np.float64]
 
     @classmethod
-    def none(cls, drones: int) -> Flockmates:
+    def none(cls, drones: int) -> FlockMembers:
         return cls(np.zeros(drones, np.uint8), np.zeros(drones, np.uint8), np.zeros(drones))
 
 
@@ -53,8 +59,8 @@ def steer(
     limits: SpeedLimits,
     arena: NamedTuple,
     r_comm: float,
-    mates: Flockmates,
-    sensed: Sensed,
+    members: FlockMembers,
+    observation: Observation,
     out: NDArray[np.float64],
 ) -> None:
     """Write the velocity of each agent, and zero for the others.
@@ -64,61 +70,63 @@ def steer(
         limits: speeds of the scenario, m/s.
         arena: where the walls are.
         r_comm: m, up to which drones heed each other.
-        mates: who flies by the policy.
-        sensed: positions and velocities as telemetry has them, own and heard; neighbours and walls are written.
+        members: who flies by the policy.
+        observation: positions and velocities as telemetry has them, own and heard; neighbours and walls are written.
         out: (2, N), m/s, world; written.
     """
-    _find_agents(r_comm, mates, sensed)
-    locate_walls(arena, sensed.own_position, sensed.wall_distance, sensed.wall_normal)
-    desired_velocity(params, limits, sensed, out)
+    _find_agents(r_comm, members, observation)
+    locate_walls(arena, observation.own_position, observation.wall_distance, observation.wall_normal)
+    desired_velocity(params, limits, observation, out)
     for i in range(out.shape[1]):
-        if mates.agents[i]:
-            _keep_off(limits, mates, sensed, i, out)
+        if members.agents[i]:
+            _keep_off(limits, members, observation, i, out)
         else:
             out[0, i] = out[1, i] = 0.0
 
 
-def compile_policy(params: FlockingParams, scenario: Scenario) -> None:
+def compile_policy(params: VasarhelyiParams, scenario: Scenario) -> None:
     """Compile what steers and judges a flock, which takes some 20 s once on a machine, before anybody listens."""
-    arena, world = SquareArena(scenario.arena_side), World.at_rest(2)
+    arena, world = SquareArena(scenario.arena_side), TrueState.at_rest(2)
     limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
-    sensed = Sensed.empty(2, arena.walls)
-    steer(params, limits, arena, scenario.r_comm, Flockmates.none(2), sensed, np.zeros((2, 2)))
-    yardstick = Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll)
-    judge(world, arena, yardstick, False, Tally.empty(2, arena.walls), np.zeros(6))
+    observation = Observation.empty(2, arena.walls)
+    steer(params, limits, arena, scenario.r_comm, FlockMembers.none(2), observation, np.zeros((2, 2)))
+    ranges = MetricRanges(cluster_range(params, scenario.v_flock), scenario.r_coll)
+    score(world, arena, ranges, False, MetricAccumulator.empty(2, arena.walls), np.zeros(6))
 
 
 @kernel
-def _find_agents(r_comm: float, mates: Flockmates, sensed: Sensed) -> None:
+def _find_agents(r_comm: float, members: FlockMembers, observation: Observation) -> None:
     """List whom each agent heeds: the other agents within r_comm."""
-    x, y = sensed.own_position
-    sensed.neighbour_count[:] = 0
+    x, y = observation.own_position
+    observation.neighbour_count[:] = 0
     for i in range(x.size):
         for j in range(x.size):
-            if i != j and mates.agents[i] and mates.agents[j]:
-                rx, ry = sensed.heard_position[0, j] - x[i], sensed.heard_position[1, j] - y[i]
+            if i != j and members.agents[i] and members.agents[j]:
+                rx, ry = observation.received_position[0, j] - x[i], observation.received_position[1, j] - y[i]
                 if rx * rx + ry * ry < r_comm * r_comm:
-                    sensed.neighbours[i, sensed.neighbour_count[i]] = j
-                    sensed.neighbour_count[i] += 1
+                    observation.neighbours[i, observation.neighbour_count[i]] = j
+                    observation.neighbour_count[i] += 1
 
 
 @kernel
-def _keep_off(limits: SpeedLimits, mates: Flockmates, sensed: Sensed, i: int, out: NDArray[np.float64]) -> None:
+def _keep_off(
+    limits: SpeedLimits, members: FlockMembers, observation: Observation, i: int, out: NDArray[np.float64]
+) -> None:
     """Cut drone i's velocity towards each shunned drone to what it can brake in time; too near, make it go away."""
     vx, vy = out[0, i], out[1, i]
     for j in range(out.shape[1]):
-        if not mates.shunned[j]:
+        if not members.avoided[j]:
             continue
-        rx = sensed.heard_position[0, j] - sensed.own_position[0, i]
-        ry = sensed.heard_position[1, j] - sensed.own_position[1, i]
+        rx = observation.received_position[0, j] - observation.own_position[0, i]
+        ry = observation.received_position[1, j] - observation.own_position[1, i]
         distance = sqrt(rx * rx + ry * ry)
         if distance == 0:
             continue
         nx, ny = rx / distance, ry / distance
-        room = distance - mates.keep_off[j]
+        room = distance - members.keep_off[j]
         allowed = braking_curve(room, _BRAKING, _SLOPE) if room > 0 else max(_SLOPE * room, -limits.v_rep_max)
         # One that comes nearer by itself leaves less; one that flees is not followed faster.
-        allowed += min(nx * sensed.heard_velocity[0, j] + ny * sensed.heard_velocity[1, j], 0.0)
+        allowed += min(nx * observation.received_velocity[0, j] + ny * observation.received_velocity[1, j], 0.0)
         excess = vx * nx + vy * ny - allowed
         if excess > 0:
             vx -= excess * nx
@@ -127,22 +135,27 @@ def _keep_off(limits: SpeedLimits, mates: Flockmates, sensed: Sensed, i: int, ou
 
 
 @entry_kernel
-def judge(
-    world: World, arena: NamedTuple, yardstick: Yardstick, counts: bool, tally: Tally, out: NDArray[np.float64]
+def score(
+    world: TrueState,
+    arena: NamedTuple,
+    ranges: MetricRanges,
+    counts: bool,
+    accumulator: MetricAccumulator,
+    out: NDArray[np.float64],
 ) -> float:
     """Judge one moment as a simulated flight's samples are judged.
 
     Args:
         world: as telemetry has it.
         arena: where the walls are.
-        yardstick: distances by which it is judged, m.
+        ranges: distances by which it is judged, m.
         counts: whether it enters the order parameters.
-        tally: sums; written.
+        accumulator: sums; written.
         out: (6,), the running order parameters; written.
 
     Returns:
         The smallest distance between two drones, m.
     """
-    nearest = count_sample(world, arena, yardstick, counts, tally)
-    write_running(tally, out)
+    nearest = count_sample(world, arena, ranges, counts, accumulator)
+    write_running(accumulator, out)
     return nearest

@@ -105,7 +105,7 @@ def _action(text: str, name: str | None) -> Action | None:
     return Action(name)
 
 
-class Look(NamedTuple):
+class VehicleSnapshot(NamedTuple):
     """What a watchdog sees of one vehicle.
 
     Attributes:
@@ -133,26 +133,26 @@ class Alarm(NamedTuple):
     text: str
 
 
-def alarms(look: Look, dogs: Watchdogs, half_side: float, stopping: float) -> list[Alarm]:
+def alarms(look: VehicleSnapshot, watchdogs: Watchdogs, half_side: float, stopping: float) -> list[Alarm]:
     """What is wrong with a vehicle, the worst first.
 
     Args:
         look: at the vehicle.
-        dogs: limits and actions.
+        watchdogs: limits and actions.
         half_side: m, from the arena's middle to its walls.
         stopping: s, of its speed, that it takes to brake.
     """
     x, y = (look.position[axis] + stopping * look.velocity[axis] for axis in range(2))
     beyond = max(abs(x), abs(y)) - half_side
     found = []
-    if look.silence > dogs.lost.limit:
-        found.append(Alarm("lost", dogs.lost.action, f"nothing heard of it for {look.silence:.1f} s"))
-    if look.battery is not None and look.battery < dogs.battery.limit:
-        found.append(Alarm("battery", dogs.battery.action, f"{100 * look.battery:.0f} % of its charge left"))
-    if beyond > dogs.fence.limit:
-        found.append(Alarm("fence", dogs.fence.action, f"on its way to {beyond:.0f} m outside of the arena"))
-    if look.nearest < dogs.separation.limit:
-        found.append(Alarm("separation", dogs.separation.action, f"{look.nearest:.1f} m from another"))
-    if look.fix_age > dogs.stale.limit:
-        found.append(Alarm("stale", dogs.stale.action, f"its position is {look.fix_age:.1f} s old"))
+    if look.silence > watchdogs.lost.limit:
+        found.append(Alarm("lost", watchdogs.lost.action, f"nothing heard of it for {look.silence:.1f} s"))
+    if look.battery is not None and look.battery < watchdogs.battery.limit:
+        found.append(Alarm("battery", watchdogs.battery.action, f"{100 * look.battery:.0f} % of its charge left"))
+    if beyond > watchdogs.fence.limit:
+        found.append(Alarm("fence", watchdogs.fence.action, f"on its way to {beyond:.0f} m outside of the arena"))
+    if look.nearest < watchdogs.separation.limit:
+        found.append(Alarm("separation", watchdogs.separation.action, f"{look.nearest:.1f} m from another"))
+    if look.fix_age > watchdogs.stale.limit:
+        found.append(Alarm("stale", watchdogs.stale.action, f"its position is {look.fix_age:.1f} s old"))
     return sorted(found, key=lambda alarm: alarm.action == Action.SLOW)

@@ -13,7 +13,7 @@ GROUND = -1
 """In place of a drone's number: the ground."""
 
 
-class Extremes(NamedTuple):
+class FlightStatistics(NamedTuple):
     """What a flight has asked of each body so far.
 
     Attributes:
@@ -42,7 +42,7 @@ class RigidBody(NamedTuple):
 
     Attributes:
         gains: of the controllers, with the vehicle's figures.
-        pilot: the gains once more, or Off where others write `thrust_command`.
+        controller: the gains once more, or Off where others write `thrust_command`.
         step: s.
         altitude: (N,), m, to be held.
         stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
@@ -53,7 +53,7 @@ class RigidBody(NamedTuple):
         ground: under the rotors.
         battery: of each drone, see `moflock_mj.effects.battery`, or Off.
         power_factor: W/N^1.5, see `moflock_mj.effects.battery`.
-        sensors: on board, see `moflock_mj.sensing.imu`, or Off.
+        imu: on board, see `moflock_mj.sensing.imu`, or Off.
         faults: see `moflock_mj.effects.fault_injection`, or Off.
         reach: m, from a body's centre to the farthest point of its collision shape.
         model: address of the model.
@@ -67,11 +67,11 @@ class RigidBody(NamedTuple):
         thrust: (N, 4), N, of the rotors.
         thrust_command: (N, 4), N.
         observer: (N, 6), state of the disturbance observers.
-        extremes: counts on.
+        statistics: counts on.
     """
 
     gains: Gains
-    pilot: NamedTuple
+    controller: NamedTuple
     step: float
     altitude: NDArray[np.float64]
     stopped: NDArray[np.uint8]
@@ -82,7 +82,7 @@ class RigidBody(NamedTuple):
     ground: NamedTuple
     battery: NamedTuple
     power_factor: float
-    sensors: NamedTuple
+    imu: NamedTuple
     faults: NamedTuple
     reach: float
     model: int
@@ -96,4 +96,4 @@ class RigidBody(NamedTuple):
     thrust: NDArray[np.float64]
     thrust_command: NDArray[np.float64]
     observer: NDArray[np.float64]
-    extremes: Extremes
+    statistics: FlightStatistics

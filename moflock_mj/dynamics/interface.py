@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import stage
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 
 class Noise(NamedTuple):
@@ -29,17 +29,17 @@ class Noise(NamedTuple):
 
 @stage
 def advance(
-    plant: NamedTuple,
-    world: World,
+    dynamics: NamedTuple,
+    world: TrueState,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     noise: Noise,
     steps: int,
 ) -> None:
-    """Move all drones by one beat; chosen by the type of `plant`.
+    """Move all drones by one beat; chosen by the type of `dynamics`.
 
     Args:
-        plant: the dynamics.
+        dynamics: the dynamics.
         world: the true state; written.
         desired: (2, N), m/s, world, the velocity commanded.
         velocity_error: (2, N), m/s, the GPS error in what each drone measures of its own velocity.
@@ -49,22 +49,22 @@ def advance(
 
 
 @stage
-def take_fix(plant: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-    """Let each drone correct what it estimates of itself, at every GPS fix; chosen by the type of `plant`.
+def take_fix(dynamics: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+    """Let each drone correct what it estimates of itself, at every GPS fix; chosen by the type of `dynamics`.
 
     Args:
-        plant: the dynamics.
+        dynamics: the dynamics.
         velocity_error: (2, N), m/s, the GPS error in what each drone measures of its own velocity.
         noise: (1, 2, N), N(0, 1), of barometer and compass; (0, 2, N) where a flight takes none.
     """
 
 
 @stage
-def write_state(plant: NamedTuple, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
-    """Write the whole state as MuJoCo orders it; chosen by the type of `plant`.
+def write_state(dynamics: NamedTuple, world: TrueState, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
+    """Write the whole state as MuJoCo orders it; chosen by the type of `dynamics`.
 
     Args:
-        plant: the dynamics.
+        dynamics: the dynamics.
         world: the true state.
         qpos: (N, 7), position (m, world) and quaternion w x y z; written.
         qvel: (N, 6), velocity (m/s, world) and body rates (rad/s, body); written.

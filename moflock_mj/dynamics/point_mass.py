@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import Off, implements
-from controllers.flight_control.gain_design import Bandwidths, largest_push
+from controllers.flight_control.gain_design import Bandwidths, maximum_horizontal_force
 from controllers.flight_control.velocity import observe_axis
 from controllers.geometry import clip_length
 from moflock_mj.dynamics.interface import Noise, advance, take_fix, write_state
 from moflock_mj.effects.wind import Wind, air_velocity, blow
-from moflock_mj.scenario.effect_configs import PointMassResponse
+from moflock_mj.scenario.effect_configs import PointMassConfig
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 
 class PointMass(NamedTuple):
@@ -85,7 +85,7 @@ class LatePointMass(NamedTuple):
 
 
 def make_point_masses(
-    scenario: Scenario, step: float, world: World, wind: Wind | Off
+    scenario: Scenario, step: float, world: TrueState, wind: Wind | Off
 ) -> PointMass | WindyPointMass | LatePointMass:
     """The point masses of a scenario, where `world` has them at the start.
 
@@ -99,7 +99,7 @@ def make_point_masses(
         AirframeError: with wind on, the airframe is unknown.
         ScenarioError: the wind is too much for the airframe.
     """
-    asked = scenario.point_mass or PointMassResponse(tau=scenario.tau, a_max=scenario.a_max)
+    asked = scenario.point_mass or PointMassConfig(tau=scenario.tau, a_max=scenario.a_max)
     response = _make_response(scenario, asked, step, world, wind)
     if asked.delay == 0:
         return response
@@ -115,7 +115,7 @@ def make_point_masses(
 
 
 def _make_response(
-    scenario: Scenario, asked: PointMassResponse, step: float, world: World, wind: Wind | Off
+    scenario: Scenario, asked: PointMassConfig, step: float, world: TrueState, wind: Wind | Off
 ) -> PointMass | WindyPointMass:
     if isinstance(wind, Off):
         return PointMass(step, asked.tau, asked.a_max, scenario.sigma_outer)
@@ -128,7 +128,7 @@ def _make_response(
     drag = air_drag(scenario, airframe)
     observer = np.zeros((4, scenario.drones))
     observer[:2] = world.velocity[:2]
-    observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyFlock`
+    observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyModel`
     return WindyPointMass(
         step=step,
         tau=asked.tau,
@@ -137,30 +137,30 @@ def _make_response(
         body_drag=drag.body / airframe.mass,
         rotor_drag=drag.rotors / airframe.mass,
         observer_bandwidth=Bandwidths().observer,
-        wind_max=largest_push(airframe, scenario.tilt_max),
+        wind_max=maximum_horizontal_force(airframe, scenario.tilt_max),
         observer=observer,
     )
 
 
 @implements(advance, PointMass)
 def advance_point_masses(
-    plant: PointMass,
-    world: World,
+    dynamics: PointMass,
+    world: TrueState,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     noise: Noise,
     steps: int,
 ) -> None:
     """Euler-Maruyama steps of v' = clip((v_desired - v_measured) / tau, a_max) + outer noise, x' = v."""
-    step, kick = plant.step, sqrt(2 * plant.sigma_outer * plant.step)
+    step, kick = dynamics.step, sqrt(2 * dynamics.sigma_outer * dynamics.step)
     x, y, _ = world.position
     vx, vy, _ = world.velocity
     for k in range(steps):
         noise_x, noise_y = noise.outer[k]
         for i in range(x.size):
-            ax = (desired[0, i] - vx[i] - velocity_error[0, i]) / plant.tau
-            ay = (desired[1, i] - vy[i] - velocity_error[1, i]) / plant.tau
-            gain = step * plant.a_max / max(sqrt(ax * ax + ay * ay), plant.a_max)
+            ax = (desired[0, i] - vx[i] - velocity_error[0, i]) / dynamics.tau
+            ay = (desired[1, i] - vy[i] - velocity_error[1, i]) / dynamics.tau
+            gain = step * dynamics.a_max / max(sqrt(ax * ax + ay * ay), dynamics.a_max)
             x[i] += step * vx[i]
             y[i] += step * vy[i]
             vx[i] += gain * ax + kick * noise_x[i]
@@ -169,26 +169,28 @@ def advance_point_masses(
 
 @implements(advance, WindyPointMass)
 def advance_in_wind(
-    plant: WindyPointMass,
-    world: World,
+    dynamics: WindyPointMass,
+    world: TrueState,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     noise: Noise,
     steps: int,
 ) -> None:
     """Euler steps of v' = clip((v_desired - v_measured) / tau, a_max) - estimated drag + drag, x' = v."""
-    blow(plant.wind, world.velocity, noise.gust)
-    step, position, velocity, observer = plant.step, world.position, world.velocity, plant.observer
-    gain, disturbance_gain = 2 * plant.observer_bandwidth, plant.observer_bandwidth**2
+    blow(dynamics.wind, world.velocity, noise.gust)
+    step, position, velocity, observer = dynamics.step, world.position, world.velocity, dynamics.observer
+    gain, disturbance_gain = 2 * dynamics.observer_bandwidth, dynamics.observer_bandwidth**2
     for _ in range(steps):
         for i in range(position.shape[1]):
             measured = (velocity[0, i] + velocity_error[0, i], velocity[1, i] + velocity_error[1, i])
             wanted = clip_length(
-                (desired[0, i] - measured[0]) / plant.tau, (desired[1, i] - measured[1]) / plant.tau, plant.a_max
+                (desired[0, i] - measured[0]) / dynamics.tau,
+                (desired[1, i] - measured[1]) / dynamics.tau,
+                dynamics.a_max,
             )
-            air = air_velocity(plant.wind, i)
+            air = air_velocity(dynamics.wind, i)
             wind_x, wind_y = air[0] - velocity[0, i], air[1] - velocity[1, i]
-            drag = plant.body_drag * sqrt(wind_x * wind_x + wind_y * wind_y) + plant.rotor_drag
+            drag = dynamics.body_drag * sqrt(wind_x * wind_x + wind_y * wind_y) + dynamics.rotor_drag
             pushed = (drag * wind_x, drag * wind_y)
             for axis in range(2):
                 push = wanted[axis] - observer[2 + axis, i]
@@ -199,7 +201,7 @@ def advance_in_wind(
                     push,
                     gain,
                     disturbance_gain,
-                    plant.wind_max,
+                    dynamics.wind_max,
                     step,
                 )
                 position[axis, i] += step * velocity[axis, i]
@@ -208,39 +210,44 @@ def advance_in_wind(
 
 @implements(advance, LatePointMass)
 def advance_late(
-    plant: LatePointMass,
-    world: World,
+    dynamics: LatePointMass,
+    world: TrueState,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     noise: Noise,
     steps: int,
 ) -> None:
     """The response's own steps, each with the command that leads to the late answer."""
-    past, kept, share = plant.past, plant.past.shape[0], plant.late
+    past, kept, share = dynamics.past, dynamics.past.shape[0], dynamics.late
     for k in range(steps):
-        now = plant.steps[0]
+        now = dynamics.steps[0]
         newer, older = (now - kept + 2) % kept, (now - kept + 1) % kept
         for axis in range(2):
             for i in range(desired.shape[1]):
                 measured = world.velocity[axis, i] + velocity_error[axis, i]
                 past[now % kept, axis, i] = desired[axis, i] - measured
-                plant.command[axis, i] = (1 - share) * past[newer, axis, i] + share * past[older, axis, i] + measured
+                dynamics.command[axis, i] = (1 - share) * past[newer, axis, i] + share * past[older, axis, i] + measured
         of_step = Noise(noise.outer[k : k + 1], noise.gust[: 1 if k == 0 else 0], noise.inertial, noise.walk)
-        advance(plant.response, world, plant.command, velocity_error, of_step, 1)
-        plant.steps[0] += 1
+        advance(dynamics.response, world, dynamics.command, velocity_error, of_step, 1)
+        dynamics.steps[0] += 1
 
 
 @implements(take_fix, LatePointMass)
 @implements(take_fix, PointMass)
 @implements(take_fix, WindyPointMass)
-def _take_no_fix(plant: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+def _take_no_fix(dynamics: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
     pass
 
 
 @implements(write_state, LatePointMass)
 @implements(write_state, PointMass)
 @implements(write_state, WindyPointMass)
-def write_point_masses(plant: NamedTuple, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:  # noqa: ARG001
+def write_point_masses(
+    dynamics: NamedTuple,  # noqa: ARG001
+    world: TrueState,
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+) -> None:
     for i in range(qpos.shape[0]):
         for axis in range(3):
             qpos[i, axis] = world.position[axis, i]

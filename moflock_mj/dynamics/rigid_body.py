@@ -13,45 +13,45 @@ from numpy.typing import NDArray
 from controllers.airframe import ROTORS
 from controllers.compiling import Off, hot_stage, implements
 from controllers.flight_control.cascade import OBSERVER_SIZE, Gains, track_velocity
-from controllers.flight_control.gain_design import TuningError, design_gains, largest_push
+from controllers.flight_control.gain_design import GainDesignError, design_gains, maximum_horizontal_force
 from moflock_mj.dynamics.airframe_models import flock_model, load_airframe
-from moflock_mj.dynamics.bodies import Extremes, RigidBody
+from moflock_mj.dynamics.bodies import FlightStatistics, RigidBody
 from moflock_mj.dynamics.contacts import _mark_touches, _may_touch
 from moflock_mj.dynamics.interface import Noise, advance, take_fix, write_state
 from moflock_mj.dynamics.mujoco_step import mj_step
-from moflock_mj.dynamics.rotors import _meter, _push, _stop_rotors, _watch
-from moflock_mj.effects.battery import drain, make_cells
-from moflock_mj.effects.disturbance import make_outer_noise
-from moflock_mj.effects.downwash import make_jets, wash
-from moflock_mj.effects.drag import AirDrag, add_drag, make_drag, wind_push
-from moflock_mj.effects.fault_injection import Breakdown
+from moflock_mj.dynamics.rotors import _apply_rotor_wrench, _draw_power, _stop_rotors, _update_statistics
+from moflock_mj.effects.battery import drain, make_battery
+from moflock_mj.effects.disturbance import make_disturbance
+from moflock_mj.effects.downwash import make_downwash, write_downwash
+from moflock_mj.effects.drag import Drag, add_drag, make_drag, wind_push
+from moflock_mj.effects.fault_injection import FaultSchedule
 from moflock_mj.effects.feasibility import check_air
-from moflock_mj.effects.ground_effect import make_ground
+from moflock_mj.effects.ground_effect import make_ground_effect
 from moflock_mj.effects.rotor_power import power_factor
 from moflock_mj.effects.wind import Wind, blow
 from moflock_mj.errors import AirframeError
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.sensing.imu import Sensors, believed, feel, make_sensors, take_bearings, walk_biases
-from moflock_mj.world.state import World
+from moflock_mj.sensing.imu import Imu, correct_with_barometer_and_compass, estimated, make_imu, read_imu, walk_biases
+from moflock_mj.world.state import TrueState
 
 _MUJOCO_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 @hot_stage
 def steer(
-    pilot: NamedTuple,
-    plant: RigidBody,
+    controller: NamedTuple,
+    dynamics: RigidBody,
     desired: NDArray[np.float64],
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     error: NDArray[np.float64],
     i: int,
 ) -> None:
-    """Command the rotors of body i for one step; chosen by the type of `pilot`.
+    """Command the rotors of body i for one step; chosen by the type of `controller`.
 
     Args:
-        pilot: Gains, or Off where others have written `plant.thrust_command`.
-        plant: the dynamics.
+        controller: Gains, or Off where others have written `dynamics.thrust_command`.
+        dynamics: the dynamics.
         desired: (2, N), m/s, world.
         qpos: (N, 7), as the pilot believes it.
         qvel: (N, 6), as the pilot believes it.
@@ -62,8 +62,8 @@ def steer(
 
 @implements(steer, Gains)
 def _fly(
-    pilot: Gains,
-    plant: RigidBody,
+    controller: Gains,
+    dynamics: RigidBody,
     desired: NDArray[np.float64],
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
@@ -71,24 +71,24 @@ def _fly(
     i: int,
 ) -> None:
     track_velocity(
-        pilot,
+        controller,
         desired[0, i],
         desired[1, i],
-        plant.altitude[i],
+        dynamics.altitude[i],
         qvel[i, 0] + error[0, i],
         qvel[i, 1] + error[1, i],
         qpos[i],
         qvel[i],
-        plant.thrust[i],
-        plant.observer[i],
-        plant.thrust_command[i],
+        dynamics.thrust[i],
+        dynamics.observer[i],
+        dynamics.thrust_command[i],
     )
 
 
 @implements(steer, Off)
 def _leave(
-    pilot: Off,
-    plant: RigidBody,
+    controller: Off,
+    dynamics: RigidBody,
     desired: NDArray[np.float64],
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
@@ -100,66 +100,73 @@ def _leave(
 
 @implements(advance, RigidBody)
 def advance_rigid_bodies(
-    plant: RigidBody,
-    world: World,
+    dynamics: RigidBody,
+    world: TrueState,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     noise: Noise,
     steps: int,
 ) -> None:
     """Controllers, rotors and MuJoCo, step by step; air and battery change once in a beat."""
-    drones = plant.qpos.shape[0]
-    blow(plant.wind, world.velocity, noise.gust)
-    wash(plant.downwash, plant.qpos)
-    _meter(plant, steps * plant.step)
-    drain(plant.battery, plant.extremes.power, steps * plant.step)
-    walk_biases(plant.sensors, noise.walk)
-    qpos, qvel, error = believed(plant.sensors, plant.qpos, plant.qvel, velocity_error)
-    collisions = _may_touch(plant, steps)
-    model = plant.model if collisions else plant.model_apart
+    drones = dynamics.qpos.shape[0]
+    blow(dynamics.wind, world.velocity, noise.gust)
+    write_downwash(dynamics.downwash, dynamics.qpos)
+    _draw_power(dynamics, steps * dynamics.step)
+    drain(dynamics.battery, dynamics.statistics.power, steps * dynamics.step)
+    walk_biases(dynamics.imu, noise.walk)
+    qpos, qvel, error = estimated(dynamics.imu, dynamics.qpos, dynamics.qvel, velocity_error)
+    collisions = _may_touch(dynamics, steps)
+    model = dynamics.model if collisions else dynamics.model_apart
     for k in range(steps):
         for i in range(drones):
-            steer(plant.pilot, plant, desired, qpos, qvel, error, i)
-        _stop_rotors(plant)
+            steer(dynamics.controller, dynamics, desired, qpos, qvel, error, i)
+        _stop_rotors(dynamics)
         # A loop of its own: the two together compile to slower code.
         for i in range(drones):
-            _watch(plant, i)
-            _push(plant, noise.outer, k, i)
-        add_drag(plant.drag, plant.wind, plant.qpos, plant.qvel, plant.thrust, plant.qfrc_applied)
-        mj_step(model, plant.data)
-        feel(plant.sensors, plant.qpos, plant.qvel, plant.qacc, noise.inertial, k)
-        plant.extremes.steps[0] += 1
+            _update_statistics(dynamics, i)
+            _apply_rotor_wrench(dynamics, noise.outer, k, i)
+        add_drag(dynamics.drag, dynamics.wind, dynamics.qpos, dynamics.qvel, dynamics.thrust, dynamics.qfrc_applied)
+        mj_step(model, dynamics.data)
+        read_imu(dynamics.imu, dynamics.qpos, dynamics.qvel, dynamics.qacc, noise.inertial, k)
+        dynamics.statistics.steps[0] += 1
         if collisions:
-            _mark_touches(plant)
+            _mark_touches(dynamics)
     for i in range(drones):
         for axis in range(3):
-            world.position[axis, i] = plant.qpos[i, axis]
-            world.velocity[axis, i] = plant.qvel[i, axis]
-        world.touched[i] = plant.extremes.touch_step[i] >= 0
+            world.position[axis, i] = dynamics.qpos[i, axis]
+            world.velocity[axis, i] = dynamics.qvel[i, axis]
+        world.touched[i] = dynamics.statistics.touch_step[i] >= 0
 
 
 @implements(take_fix, RigidBody)
-def _take_fix(plant: RigidBody, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-    take_bearings(plant.sensors, plant.qpos, plant.qvel, velocity_error, noise, plant.faults)
+def _take_fix(dynamics: RigidBody, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+    correct_with_barometer_and_compass(
+        dynamics.imu, dynamics.qpos, dynamics.qvel, velocity_error, noise, dynamics.faults
+    )
 
 
 @implements(write_state, RigidBody)
-def write_rigid_bodies(plant: RigidBody, world: World, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:  # noqa: ARG001
-    qpos[:] = plant.qpos
-    qvel[:] = plant.qvel
+def write_rigid_bodies(
+    dynamics: RigidBody,
+    world: TrueState,  # noqa: ARG001
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+) -> None:
+    qpos[:] = dynamics.qpos
+    qvel[:] = dynamics.qvel
 
 
-class RigidBodyFlock:
+class RigidBodyModel:
     """A flock's MuJoCo model and data, and the plant that the compiled loop flies.
 
     Args:
         scenario: what is flown.
         step: integration step, s.
-        beat: integration steps of a beat.
+        interval: integration steps of a beat.
         world: where the drones start, level, with their rotors at hover.
         wind: the air, see `moflock_mj.effects.wind`.
         faults: what breaks, see `moflock_mj.effects.fault_injection`.
-        piloted: whether our controllers fly the bodies; else whoever writes their thrust commands.
+        controlled: whether our controllers fly the bodies; else whoever writes their thrust commands.
 
     Raises:
         AirframeError: the airframe is unknown, or too weak for the scenario.
@@ -170,12 +177,12 @@ class RigidBodyFlock:
         self,
         scenario: Scenario,
         step: float,
-        beat: int,
-        world: World,
+        interval: int,
+        world: TrueState,
         wind: Wind | Off,
-        faults: Breakdown | Off,
+        faults: FaultSchedule | Off,
         *,
-        piloted: bool = True,
+        controlled: bool = True,
     ) -> None:
         airframe = load_airframe(scenario.airframe)
         check_air(scenario, airframe)
@@ -183,7 +190,7 @@ class RigidBodyFlock:
             self.design = design_gains(
                 airframe, step=step, tau=scenario.tau, a_max=scenario.a_max, tilt_max=scenario.tilt_max
             )
-        except TuningError as problem:
+        except GainDesignError as problem:
             raise AirframeError(str(problem)) from None
         self.airframe = airframe
         drones = scenario.drones
@@ -193,22 +200,22 @@ class RigidBodyFlock:
         self.data = mujoco.MjData(self.model)
         gains = self.design.gains
         if isinstance(wind, Wind):
-            gains = gains._replace(wind_max=largest_push(airframe, scenario.tilt_max))
+            gains = gains._replace(wind_max=maximum_horizontal_force(airframe, scenario.tilt_max))
         drag = make_drag(scenario, airframe)
-        self.plant = RigidBody(
+        self.dynamics = RigidBody(
             gains=gains,
-            pilot=gains if piloted else Off(),
+            controller=gains if controlled else Off(),
             step=step,
             altitude=np.full(drones, scenario.altitude),
-            stopped=faults.stopped if isinstance(faults, Breakdown) else np.zeros((drones, ROTORS), np.uint8),
-            outer=make_outer_noise(scenario, airframe, step),
+            stopped=faults.stopped if isinstance(faults, FaultSchedule) else np.zeros((drones, ROTORS), np.uint8),
+            outer=make_disturbance(scenario, airframe, step),
             wind=wind,
             drag=drag,
-            downwash=make_jets(scenario, airframe),
-            ground=make_ground(scenario, airframe),
-            battery=make_cells(scenario, airframe),
+            downwash=make_downwash(scenario, airframe),
+            ground=make_ground_effect(scenario, airframe),
+            battery=make_battery(scenario, airframe),
             power_factor=power_factor(airframe),
-            sensors=make_sensors(scenario, step, beat * step, world),
+            imu=make_imu(scenario, step, interval * step, world),
             faults=faults,
             reach=sqrt(airframe.radius**2 + airframe.half_height**2),
             model=self.model._address,
@@ -222,7 +229,7 @@ class RigidBodyFlock:
             thrust=np.full((drones, ROTORS), airframe.hover_thrust()),
             thrust_command=np.full((drones, ROTORS), airframe.hover_thrust()),
             observer=np.zeros((drones, OBSERVER_SIZE)),
-            extremes=Extremes(
+            statistics=FlightStatistics(
                 upright=np.ones(drones),
                 altitude_error=np.zeros(drones),
                 saturated=np.zeros(drones, np.int64),
@@ -233,25 +240,25 @@ class RigidBodyFlock:
                 power=np.zeros(drones),
             ),
         )
-        self.plant.qpos[:, :3] = world.position.T
-        self.plant.qpos[:, 3:] = (1, 0, 0, 0)
-        self.plant.qvel[:, :3] = world.velocity.T
-        self.plant.observer[:, :3] = world.velocity.T
-        if isinstance(wind, Wind) and isinstance(drag, AirDrag):
+        self.dynamics.qpos[:, :3] = world.position.T
+        self.dynamics.qpos[:, 3:] = (1, 0, 0, 0)
+        self.dynamics.qvel[:, :3] = world.velocity.T
+        self.dynamics.observer[:, :3] = world.velocity.T
+        if isinstance(wind, Wind) and isinstance(drag, Drag):
             # The mean wind has been held before the flight starts; the observers need not find it first.
-            self.plant.observer[:, 3:5] = wind_push(drag, wind.speed, airframe.mass) * wind.along
+            self.dynamics.observer[:, 3:5] = wind_push(drag, wind.speed, airframe.mass) * wind.along
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Every array that changes in flight, by name; MuJoCo's own state is a copy, see `load_mujoco`."""
-        plant = self.plant
-        named = {"thrust": plant.thrust, "thrust_command": plant.thrust_command, "observer": plant.observer}
+        dynamics = self.dynamics
+        named = {"thrust": dynamics.thrust, "thrust_command": dynamics.thrust_command, "observer": dynamics.observer}
         mujoco_state = np.empty(mujoco.mj_stateSize(self.model, _MUJOCO_STATE))
         mujoco.mj_getState(self.model, self.data, mujoco_state, _MUJOCO_STATE)
-        for effect in (plant.downwash, plant.battery):
+        for effect in (dynamics.downwash, dynamics.battery):
             named |= {name: held for name, held in effect._asdict().items() if isinstance(held, np.ndarray)}
-        if isinstance(plant.sensors, Sensors):
-            named |= plant.sensors.arrays()
-        named |= plant.extremes._asdict()
+        if isinstance(dynamics.imu, Imu):
+            named |= dynamics.imu.arrays()
+        named |= dynamics.statistics._asdict()
         return {"mujoco": mujoco_state} | {f"body.{name}": array for name, array in named.items()}
 
     def load_mujoco(self, state: NDArray[np.float64]) -> None:

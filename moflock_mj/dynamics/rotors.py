@@ -13,8 +13,8 @@ from controllers.flight_control.cascade import Gains, rotor_wrench
 from moflock_mj.dynamics.bodies import RigidBody
 from moflock_mj.effects.battery import battery_lift
 from moflock_mj.effects.disturbance import draw_force
-from moflock_mj.effects.downwash import washed
-from moflock_mj.effects.fault_injection import Breakdown
+from moflock_mj.effects.downwash import downwash_at
+from moflock_mj.effects.fault_injection import FaultSchedule
 from moflock_mj.effects.ground_effect import ground_lift
 from moflock_mj.effects.rotor_power import rotor_power
 
@@ -37,9 +37,9 @@ def _whole_wrench(
     return rotor_wrench(gains, thrust[i])
 
 
-@implements(delivered_wrench, Breakdown)
+@implements(delivered_wrench, FaultSchedule)
 def _weak_wrench(
-    faults: Breakdown, gains: Gains, thrust: NDArray[np.float64], i: int
+    faults: FaultSchedule, gains: Gains, thrust: NDArray[np.float64], i: int
 ) -> tuple[float, float, float, float]:
     for rotor in range(ROTORS):
         faults.delivered[i, rotor] = faults.effectiveness[i, rotor] * thrust[i, rotor]
@@ -47,56 +47,56 @@ def _weak_wrench(
 
 
 @hot_kernel
-def _push(plant: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
+def _apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
     """Apply the rotors' wrench, the outer noise and the downwash to body i; then let the rotors follow their commands.
 
-    As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag. `plant.thrust`
-    is what the controller believes; battery, ground and faults make more or less of it, which its observer takes for
+    As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag.
+    `dynamics.thrust` is what the controller assumes; battery, ground and faults change it, which its observer takes for
     a disturbance.
     """
-    gains, qpos, force, thrust = plant.gains, plant.qpos, plant.qfrc_applied, plant.thrust
-    lift = battery_lift(plant.battery, i) * ground_lift(plant.ground, qpos[i, 2])
-    total, torque_x, torque_y, torque_z = delivered_wrench(plant.faults, gains, thrust, i)
+    gains, qpos, force, thrust = dynamics.gains, dynamics.qpos, dynamics.qfrc_applied, dynamics.thrust
+    lift = battery_lift(dynamics.battery, i) * ground_lift(dynamics.ground, qpos[i, 2])
+    total, torque_x, torque_y, torque_z = delivered_wrench(dynamics.faults, gains, thrust, i)
     total *= lift
-    noise_x, noise_y = draw_force(plant.outer, noise, k, i)
+    noise_x, noise_y = draw_force(dynamics.outer, noise, k, i)
     qw, qx, qy, qz = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
     force[i, 0] = 2 * (qx * qz + qw * qy) * total + noise_x
     force[i, 1] = 2 * (qy * qz - qw * qx) * total + noise_y
-    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total - washed(plant.downwash, i)
+    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total - downwash_at(dynamics.downwash, i)
     force[i, 3], force[i, 4], force[i, 5] = lift * torque_x, lift * torque_y, lift * torque_z
     for rotor in range(ROTORS):
-        thrust[i, rotor] += gains.rotor_blend * (plant.thrust_command[i, rotor] - thrust[i, rotor])
+        thrust[i, rotor] += gains.rotor_blend * (dynamics.thrust_command[i, rotor] - thrust[i, rotor])
 
 
 @kernel
-def _meter(plant: RigidBody, duration: float) -> None:
+def _draw_power(dynamics: RigidBody, duration: float) -> None:
     """Count the energy that the rotors take in a beat, at their power now."""
-    thrust, extremes = plant.thrust, plant.extremes
+    thrust, statistics = dynamics.thrust, dynamics.statistics
     for i in range(thrust.shape[0]):
-        lift = battery_lift(plant.battery, i)
+        lift = battery_lift(dynamics.battery, i)
         a, b, c, d = lift * thrust[i, 0], lift * thrust[i, 1], lift * thrust[i, 2], lift * thrust[i, 3]
-        extremes.power[i] = rotor_power(plant.power_factor, a, b, c, d)
-        extremes.energy[i] += extremes.power[i] * duration
+        statistics.power[i] = rotor_power(dynamics.power_factor, a, b, c, d)
+        statistics.energy[i] += statistics.power[i] * duration
 
 
 @kernel
-def _stop_rotors(plant: RigidBody) -> None:
+def _stop_rotors(dynamics: RigidBody) -> None:
     """Command nothing of the rotors that stand still."""
-    for i in range(plant.stopped.shape[0]):
+    for i in range(dynamics.stopped.shape[0]):
         for rotor in range(ROTORS):
-            if plant.stopped[i, rotor]:
-                plant.thrust_command[i, rotor] = 0.0
+            if dynamics.stopped[i, rotor]:
+                dynamics.thrust_command[i, rotor] = 0.0
 
 
 @hot_kernel
-def _watch(plant: RigidBody, i: int) -> None:
+def _update_statistics(dynamics: RigidBody, i: int) -> None:
     """Count what the step before asks of body i."""
-    extremes, gains = plant.extremes, plant.gains
-    qx, qy = plant.qpos[i, 4], plant.qpos[i, 5]
-    extremes.upright[i] = min(extremes.upright[i], 1 - 2 * (qx * qx + qy * qy))
-    extremes.altitude_error[i] = max(extremes.altitude_error[i], abs(plant.qpos[i, 2] - plant.altitude[i]))
+    statistics, gains = dynamics.statistics, dynamics.gains
+    qx, qy = dynamics.qpos[i, 4], dynamics.qpos[i, 5]
+    statistics.upright[i] = min(statistics.upright[i], 1 - 2 * (qx * qx + qy * qy))
+    statistics.altitude_error[i] = max(statistics.altitude_error[i], abs(dynamics.qpos[i, 2] - dynamics.altitude[i]))
     saturated = False
     for rotor in range(ROTORS):
-        command = plant.thrust_command[i, rotor]
+        command = dynamics.thrust_command[i, rotor]
         saturated |= command <= 0 or command >= gains.thrust_max
-    extremes.saturated[i] += saturated
+    statistics.saturated[i] += saturated

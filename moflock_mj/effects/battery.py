@@ -14,7 +14,7 @@ from moflock_mj.effects.rotor_power import power_factor
 from moflock_mj.scenario.scenario import Scenario
 
 
-class Cells(NamedTuple):
+class Battery(NamedTuple):
     """The batteries of all drones.
 
     Attributes:
@@ -34,14 +34,14 @@ class Cells(NamedTuple):
     lift: NDArray[np.float64]
 
 
-def make_cells(scenario: Scenario, airframe: Airframe) -> Cells | Off:
+def make_battery(scenario: Scenario, airframe: Airframe) -> Battery | Off:
     """The batteries of a scenario, before the rotors draw from them."""
     battery, drones = scenario.battery, scenario.drones
     if battery is None:
         return Off()
     capacity = airframe.battery_capacity if battery.capacity is None else battery.capacity
     resistance = airframe.battery_resistance if battery.resistance is None else battery.resistance
-    cells = Cells(
+    cells = Battery(
         cells=float(airframe.battery_cells),
         capacity=capacity,
         resistance=resistance,
@@ -93,13 +93,13 @@ def _full_lift(battery: Off, i: int) -> float:  # noqa: ARG001
     return 1.0
 
 
-@implements(battery_lift, Cells)
-def _lift(battery: Cells, i: int) -> float:
+@implements(battery_lift, Battery)
+def _lift(battery: Battery, i: int) -> float:
     return float(battery.lift[i])
 
 
 @kernel
-def load_cells(battery: Cells, power: NDArray[np.float64], duration: float) -> None:
+def load_cells(battery: Battery, power: NDArray[np.float64], duration: float) -> None:
     """Draw power (N,), W, for a duration, s; then tell voltage and lift under that load.
 
     The current I at which the terminals give the power, V I with V = V_open - R I, is the smaller root of a quadratic
@@ -121,6 +121,6 @@ def load_cells(battery: Cells, power: NDArray[np.float64], duration: float) -> N
         battery.lift[i] = (voltage / full) ** 2
 
 
-@implements(drain, Cells)
-def _drain_cells(battery: Cells, power: NDArray[np.float64], duration: float) -> None:
+@implements(drain, Battery)
+def _drain_cells(battery: Battery, power: NDArray[np.float64], duration: float) -> None:
     load_cells(battery, power, duration)

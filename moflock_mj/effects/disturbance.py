@@ -16,7 +16,7 @@ from controllers.compiling import Off, hot_stage, implements
 from moflock_mj.scenario.scenario import Scenario
 
 
-class OuterNoise(NamedTuple):
+class VelocityDisturbance(NamedTuple):
     """White noise on the bodies.
 
     Attributes:
@@ -26,11 +26,11 @@ class OuterNoise(NamedTuple):
     force: float
 
 
-def make_outer_noise(scenario: Scenario, airframe: Airframe, step: float) -> OuterNoise | Off:
+def make_disturbance(scenario: Scenario, airframe: Airframe, step: float) -> VelocityDisturbance | Off:
     """The outer noise of a scenario, for steps of `step`, s."""
     if scenario.wind is not None:
         return Off()
-    return OuterNoise(airframe.mass * sqrt(2 * scenario.sigma_outer / step))
+    return VelocityDisturbance(airframe.mass * sqrt(2 * scenario.sigma_outer / step))
 
 
 @hot_stage
@@ -50,8 +50,8 @@ def _draw_nothing(outer: Off, noise: NDArray[np.float64], k: int, i: int) -> tup
     return 0.0, 0.0
 
 
-@implements(draw_force, OuterNoise)
-def _draw_force(outer: OuterNoise, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
+@implements(draw_force, VelocityDisturbance)
+def _draw_force(outer: VelocityDisturbance, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
     return outer.force * noise[k, 0, i], outer.force * noise[k, 1, i]
 
 
@@ -60,6 +60,6 @@ def _no_outer_force(outer: Off) -> float:  # noqa: ARG001
     return 0.0
 
 
-@implements(outer_force, OuterNoise)
-def _outer_force(outer: OuterNoise) -> float:
+@implements(outer_force, VelocityDisturbance)
+def _outer_force(outer: VelocityDisturbance) -> float:
     return outer.force

@@ -14,7 +14,7 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.constants import AIR_DENSITY
 
 
-class Jets(NamedTuple):
+class Downwash(NamedTuple):
     """The jet of air below each drone.
 
     Attributes:
@@ -30,12 +30,12 @@ class Jets(NamedTuple):
     force: NDArray[np.float64]
 
 
-def make_jets(scenario: Scenario, airframe: Airframe) -> Jets | Off:
+def make_downwash(scenario: Scenario, airframe: Airframe) -> Downwash | Off:
     """The downwash of a scenario."""
     if scenario.downwash is None:
         return Off()
     discs, thrust = ROTORS * pi * airframe.rotor_radius**2, ROTORS * airframe.hover_thrust()
-    return Jets(
+    return Downwash(
         drag=AIR_DENSITY * scenario.downwash.drag_coefficient * discs / 2,
         thrust=thrust,
         fastest=2 * sqrt(thrust / (2 * AIR_DENSITY * discs)),
@@ -44,8 +44,8 @@ def make_jets(scenario: Scenario, airframe: Airframe) -> Jets | Off:
 
 
 @stage
-def wash(jets: NamedTuple, qpos: NDArray[np.float64]) -> None:
-    """Find the force of each drone's jet on those below it; chosen by the type of `jets`.
+def write_downwash(downwash: NamedTuple, qpos: NDArray[np.float64]) -> None:
+    """Find the force of each drone's jet on those below it; chosen by the type of `downwash`.
 
     The jet of a hovering drone is a round turbulent one that carries the momentum of its thrust T: on its axis the air
     moves down at U = B 2 sqrt(T / (pi rho)) / z at a distance z, no faster than the slipstream of momentum theory, and
@@ -55,14 +55,14 @@ def wash(jets: NamedTuple, qpos: NDArray[np.float64]) -> None:
     down by the drag of its rotor discs. Jets add by their momentum. They blow straight down, whatever wind and tilt.
 
     Args:
-        jets: figures of the vehicle; the forces in it are written.
+        downwash: figures of the vehicle; the forces in it are written.
         qpos: (N, 7), the first three m, world.
     """
 
 
 @hot_stage
-def washed(jets: NamedTuple, i: int) -> float:
-    """Force of the jets on drone i, N, downwards; chosen by the type of `jets`."""
+def downwash_at(downwash: NamedTuple, i: int) -> float:
+    """Force of the jets on drone i, N, downwards; chosen by the type of `downwash`."""
     raise NotImplementedError
 
 
@@ -79,44 +79,44 @@ _JET_EDGE = 0.5
 """Of r / z. Farther out the air moves at less than a hundredth of the axis's speed, and the force is left out."""
 
 
-@implements(wash, Off)
-def _wash_nothing(jets: Off, qpos: NDArray[np.float64]) -> None:
+@implements(write_downwash, Off)
+def _wash_nothing(downwash: Off, qpos: NDArray[np.float64]) -> None:
     pass
 
 
-@implements(washed, Off)
-def _not_washed(jets: Off, i: int) -> float:  # noqa: ARG001
+@implements(downwash_at, Off)
+def _not_washed(downwash: Off, i: int) -> float:  # noqa: ARG001
     return 0.0
 
 
-@implements(washed, Jets)
-def _washed(jets: Jets, i: int) -> float:
-    return float(jets.force[i])
+@implements(downwash_at, Downwash)
+def _washed(downwash: Downwash, i: int) -> float:
+    return float(downwash.force[i])
 
 
 @kernel
-def jet_speed(jets: Jets, below: float, beside_sq: float) -> float:
+def jet_speed(downwash: Downwash, below: float, beside_sq: float) -> float:
     """Speed of the air in a jet, m/s, downwards.
 
     Args:
-        jets: figures of the vehicle.
+        downwash: figures of the vehicle.
         below: m, how far under the drone; above 0.
         beside_sq: m^2, square of the distance from the jet's axis.
     """
-    axis = min(JET_DECAY * 2 * sqrt(jets.thrust / (pi * AIR_DENSITY)) / below, jets.fastest)
+    axis = min(JET_DECAY * 2 * sqrt(downwash.thrust / (pi * AIR_DENSITY)) / below, downwash.fastest)
     profile = 1 + _JET_PROFILE * beside_sq / (below * below)
     return axis / (profile * profile)
 
 
-@implements(wash, Jets)
-def _wash_those_below(jets: Jets, qpos: NDArray[np.float64]) -> None:
+@implements(write_downwash, Downwash)
+def _wash_those_below(downwash: Downwash, qpos: NDArray[np.float64]) -> None:
     drones = qpos.shape[0]
-    jets.force[:] = 0
+    downwash.force[:] = 0
     for i in range(drones):
         for j in range(i + 1, drones):
             x, y, z = qpos[j, 0] - qpos[i, 0], qpos[j, 1] - qpos[i, 1], qpos[j, 2] - qpos[i, 2]
             beside_sq, below = x * x + y * y, abs(z)
             if beside_sq >= _JET_EDGE * _JET_EDGE * below * below:
                 continue
-            speed = jet_speed(jets, below, beside_sq)
-            jets.force[i if z > 0 else j] += jets.drag * speed * speed
+            speed = jet_speed(downwash, below, beside_sq)
+            downwash.force[i if z > 0 else j] += downwash.drag * speed * speed

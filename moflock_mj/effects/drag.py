@@ -16,7 +16,7 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.constants import AIR_DENSITY
 
 
-class AirDrag(NamedTuple):
+class Drag(NamedTuple):
     """Drag of one body and its rotors.
 
     Attributes:
@@ -30,22 +30,22 @@ class AirDrag(NamedTuple):
     weight: float
 
 
-def make_drag(scenario: Scenario, airframe: Airframe) -> AirDrag | Off:
+def make_drag(scenario: Scenario, airframe: Airframe) -> Drag | Off:
     """The drag of a scenario: that of its section, and in wind at least that of an empty one."""
     if scenario.drag is None and scenario.wind is None:
         return Off()
     return air_drag(scenario, airframe)
 
 
-def air_drag(scenario: Scenario, airframe: Airframe) -> AirDrag:
+def air_drag(scenario: Scenario, airframe: Airframe) -> Drag:
     """Drag as a scenario's section tells it, or that of an empty one."""
-    drag = scenario.drag or effect_configs.Drag()
+    drag = scenario.drag or effect_configs.DragConfig()
     area = airframe.drag_area if drag.area is None else drag.area
     rotor = airframe.rotor_drag if drag.rotor is None else drag.rotor
-    return AirDrag(AIR_DENSITY * area / 2, airframe.mass * rotor, ROTORS * airframe.hover_thrust())
+    return Drag(AIR_DENSITY * area / 2, airframe.mass * rotor, ROTORS * airframe.hover_thrust())
 
 
-def wind_push(drag: AirDrag, speed: float, mass: float) -> float:
+def wind_push(drag: Drag, speed: float, mass: float) -> float:
     """Acceleration with which air of a speed (m/s) pushes a level body in hover, m/s^2."""
     return (drag.body * speed + drag.rotors) * speed / mass
 
@@ -88,9 +88,9 @@ def _add_no_drag(
     pass
 
 
-@implements(add_drag, AirDrag)
+@implements(add_drag, Drag)
 def _add_air_drag(
-    drag: AirDrag,
+    drag: Drag,
     wind: NamedTuple,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],

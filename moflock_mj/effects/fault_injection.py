@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 from controllers.airframe import ROTORS
 from controllers.compiling import Off, hot_stage, implements, kernel, stage
 from moflock_mj.errors import ScenarioError
-from moflock_mj.scenario.faults import KINDS, Fault
+from moflock_mj.scenario.faults import KINDS, FaultConfig
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.scenario.schedule import Clocks
+from moflock_mj.scenario.schedule import Schedule
 from moflock_mj.world.constants import GRAVITY
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 KEPT = 1.0
 """s for which the last packet of a drone counts when the next ones do not come."""
@@ -52,7 +52,7 @@ NEVER = 2**62
 _ROTOR_LOSS, _GPS_OUTAGE, _GPS_JUMP, _BLACKOUT, _PACKET_LOSS, _SILENT, _SWITCHED_OFF = range(len(KINDS))
 
 
-class FaultMemory(NamedTuple):
+class FaultState(NamedTuple):
     """What faults carry from tick to tick, of N drones.
 
     Attributes:
@@ -76,7 +76,7 @@ class FaultMemory(NamedTuple):
     left_velocity: NDArray[np.float64]
 
 
-class Breakdown(NamedTuple):
+class FaultSchedule(NamedTuple):
     """The schedule of F faults, and what follows from it for N drones in the present beat.
 
     Attributes:
@@ -87,15 +87,15 @@ class Breakdown(NamedTuple):
         figure: (F, 2), rotor and effectiveness, jump (m), or share of packets.
         period: s, of a beat.
         kept: ticks for which a last packet counts.
-        ballistic: whether drones that are switched off fall by `fall`, not by their own dynamics.
+        ballistic: whether drones that are switched off fall by `ballistic_fall`, not by their own dynamics.
         without_fix: (N,), s since an outage began, -1 with GPS.
         jump: (2, N), m.
-        deaf: (N,), 1 for a drone that hears nobody.
-        mute: (N,), 1 for one that sends nothing.
+        cannot_receive: (N,), 1 for a drone that hears nobody.
+        cannot_transmit: (N,), 1 for one that sends nothing.
         loss: (N,), share of its packets that get lost, each way.
         effectiveness: (N, 4), of the rotors.
         stopped: (N, 4), 1 for a rotor that stands still.
-        off_beats: (N,), beats since it was switched off, -1 while it is not.
+        off_intervals: (N,), beats since it was switched off, -1 while it is not.
         delivered: (N, 4), N, room for the thrust of the rotors.
         memory: changes in flight, and is not told by the schedule.
     """
@@ -110,50 +110,50 @@ class Breakdown(NamedTuple):
     ballistic: bool
     without_fix: NDArray[np.float64]
     jump: NDArray[np.float64]
-    deaf: NDArray[np.uint8]
-    mute: NDArray[np.uint8]
+    cannot_receive: NDArray[np.uint8]
+    cannot_transmit: NDArray[np.uint8]
     loss: NDArray[np.float64]
     effectiveness: NDArray[np.float64]
     stopped: NDArray[np.uint8]
-    off_beats: NDArray[np.int64]
+    off_intervals: NDArray[np.int64]
     delivered: NDArray[np.float64]
-    memory: FaultMemory
+    memory: FaultState
 
 
-def make_breakdown(scenario: Scenario, dynamics: str, step: float, clocks: Clocks) -> Breakdown | Off:
+def make_fault_schedule(scenario: Scenario, dynamics: str, step: float, schedule: Schedule) -> FaultSchedule | Off:
     """The faults of a scenario, before the first of them.
 
     Raises:
         ScenarioError: a rotor of a point mass.
     """
-    faults, drones, period = scenario.faults, scenario.drones, clocks.steps_per_beat * step
+    faults, drones, period = scenario.faults, scenario.drones, schedule.steps_per_interval * step
     if not faults:
         return Off()
     for place, fault in enumerate(faults):
         if fault.kind == "rotor_loss" and dynamics == "point_mass":
             raise ScenarioError(f"faults[{place}].kind: rotor_loss needs rigid bodies: a point mass has no rotors")
-    beats = [beats_of(fault, period) for fault in faults]
+    intervals = [intervals_of(fault, period) for fault in faults]
     kept = round(KEPT / scenario.t_gps)
-    moments = clocks.ticks_late + 1 + kept
-    return Breakdown(
+    moments = schedule.ticks_late + 1 + kept
+    return FaultSchedule(
         kind=np.array([list(KINDS).index(fault.kind) for fault in faults]),
         drone=np.array([-1 if fault.drone is None else fault.drone for fault in faults]),
-        first=np.array([first for first, _ in beats]),
-        end=np.array([end for _, end in beats]),
+        first=np.array([first for first, _ in intervals]),
+        end=np.array([end for _, end in intervals]),
         figure=np.array([_figure(fault) for fault in faults], np.float64),
         period=period,
         kept=kept,
         ballistic=dynamics == "point_mass",
         without_fix=np.full(drones, -1.0),
         jump=np.zeros((2, drones)),
-        deaf=np.zeros(drones, np.uint8),
-        mute=np.zeros(drones, np.uint8),
+        cannot_receive=np.zeros(drones, np.uint8),
+        cannot_transmit=np.zeros(drones, np.uint8),
         loss=np.zeros(drones),
         effectiveness=np.ones((drones, ROTORS)),
         stopped=np.zeros((drones, ROTORS), np.uint8),
-        off_beats=np.full(drones, -1),
+        off_intervals=np.full(drones, -1),
         delivered=np.zeros((drones, ROTORS)),
-        memory=FaultMemory(
+        memory=FaultState(
             position_error=np.zeros((2, 2, drones)),
             velocity_error=np.zeros((2, 2, drones)),
             sent=np.ones((moments, drones), np.uint8),
@@ -166,14 +166,14 @@ def make_breakdown(scenario: Scenario, dynamics: str, step: float, clocks: Clock
     )
 
 
-def beats_of(fault: Fault, period: float) -> tuple[int, int]:
+def intervals_of(fault: FaultConfig, period: float) -> tuple[int, int]:
     """The first beat in which a fault acts and the first in which it is over; beats begin each `period` s."""
     first = math.ceil(fault.at / period - 1e-6)
     end = NEVER if fault.lasts is None else math.ceil((fault.at + fault.lasts) / period - 1e-6)
     return first, end
 
 
-def _figure(fault: Fault) -> tuple[float, float]:
+def _figure(fault: FaultConfig) -> tuple[float, float]:
     if fault.jump is not None:
         return fault.jump
     if fault.rotor is not None and fault.effectiveness is not None:
@@ -182,17 +182,17 @@ def _figure(fault: Fault) -> tuple[float, float]:
 
 
 @stage
-def strike(faults: NamedTuple, world: World, beat: int) -> None:
+def apply_faults(faults: NamedTuple, world: TrueState, interval: int) -> None:
     """Let faults begin and end with a beat; chosen by the type of `faults`. world: the true state."""
 
 
 @stage
-def hold_blind(faults: NamedTuple, desired: NDArray[np.float64]) -> None:
+def hold_without_gps_or_link(faults: NamedTuple, desired: NDArray[np.float64]) -> None:
     """Let drones without GPS, or cut off, want to stand, desired: (2, N), m/s; chosen by the type of `faults`."""
 
 
 @stage
-def fall(faults: NamedTuple, world: World) -> None:
+def ballistic_fall(faults: NamedTuple, world: TrueState) -> None:
     """Put point masses that are switched off where they have fallen by the end of the beat; chosen by `faults`."""
 
 
@@ -202,18 +202,18 @@ def has_fix(faults: NamedTuple, i: int) -> bool:
     raise NotImplementedError
 
 
-@implements(strike, Off)
-def _strike_none(faults: Off, world: World, beat: int) -> None:
+@implements(apply_faults, Off)
+def _apply_no_faults(faults: Off, world: TrueState, interval: int) -> None:
     pass
 
 
-@implements(hold_blind, Off)
+@implements(hold_without_gps_or_link, Off)
 def _hold_none(faults: Off, desired: NDArray[np.float64]) -> None:
     pass
 
 
-@implements(fall, Off)
-def _fall_none(faults: Off, world: World) -> None:
+@implements(ballistic_fall, Off)
+def _fall_none(faults: Off, world: TrueState) -> None:
     pass
 
 
@@ -223,7 +223,7 @@ def _has_fix_always(faults: Off, i: int) -> bool:  # noqa: ARG001
 
 
 @kernel
-def _strike_one(faults: Breakdown, world: World, f: int, age: int, i: int) -> None:
+def _apply_fault(faults: FaultSchedule, world: TrueState, f: int, age: int, i: int) -> None:
     """Let fault f, which began `age` beats ago, act on drone i."""
     kind, figure = faults.kind[f], faults.figure
     if kind == _ROTOR_LOSS:
@@ -234,58 +234,58 @@ def _strike_one(faults: Breakdown, world: World, f: int, age: int, i: int) -> No
         faults.jump[0, i] += figure[f, 0]
         faults.jump[1, i] += figure[f, 1]
     elif kind == _BLACKOUT:
-        faults.deaf[i] = 1
+        faults.cannot_receive[i] = 1
     elif kind == _PACKET_LOSS:
         faults.loss[i] = 1 - (1 - faults.loss[i]) * (1 - figure[f, 0])
     elif kind == _SILENT:
-        faults.mute[i] = 1
+        faults.cannot_transmit[i] = 1
     elif kind == _SWITCHED_OFF:
-        faults.mute[i] = 1
+        faults.cannot_transmit[i] = 1
         for rotor in range(ROTORS):
             faults.stopped[i, rotor] = 1
-        faults.off_beats[i] = max(faults.off_beats[i], age)
-        if faults.off_beats[i] == 0:
+        faults.off_intervals[i] = max(faults.off_intervals[i], age)
+        if faults.off_intervals[i] == 0:
             for axis in range(3):
                 faults.memory.left_position[axis, i] = world.position[axis, i]
                 faults.memory.left_velocity[axis, i] = world.velocity[axis, i]
 
 
-@implements(strike, Breakdown)
-def strike_by_schedule(faults: Breakdown, world: World, beat: int) -> None:
+@implements(apply_faults, FaultSchedule)
+def apply_fault_schedule(faults: FaultSchedule, world: TrueState, interval: int) -> None:
     faults.without_fix[:] = -1
     faults.jump[:] = 0
-    faults.deaf[:] = 0
-    faults.mute[:] = 0
+    faults.cannot_receive[:] = 0
+    faults.cannot_transmit[:] = 0
     faults.loss[:] = 0
     faults.effectiveness[:] = 1
     faults.stopped[:] = 0
-    faults.off_beats[:] = -1
+    faults.off_intervals[:] = -1
     for f in range(faults.kind.size):
-        if not faults.first[f] <= beat < faults.end[f]:
+        if not faults.first[f] <= interval < faults.end[f]:
             continue
-        only, age = faults.drone[f], beat - faults.first[f]
-        for i in range(faults.deaf.size):
+        only, age = faults.drone[f], interval - faults.first[f]
+        for i in range(faults.cannot_receive.size):
             if only < 0 or i == only:
-                _strike_one(faults, world, f, age, i)
+                _apply_fault(faults, world, f, age, i)
 
 
-@implements(hold_blind, Breakdown)
-def _hold_blind(faults: Breakdown, desired: NDArray[np.float64]) -> None:
+@implements(hold_without_gps_or_link, FaultSchedule)
+def _hold_without_gps_or_link(faults: FaultSchedule, desired: NDArray[np.float64]) -> None:
     for i in range(desired.shape[1]):
         if faults.without_fix[i] >= 0 or faults.memory.cut_off[i]:
             desired[0, i] = desired[1, i] = 0.0
 
 
-@implements(fall, Breakdown)
-def _fall(faults: Breakdown, world: World) -> None:
+@implements(ballistic_fall, FaultSchedule)
+def _fall(faults: FaultSchedule, world: TrueState) -> None:
     """X = x0 + v0 t, z = z0 - g t^2 / 2 until the ground, where it stays."""
     if not faults.ballistic:
         return
     left, velocity = faults.memory.left_position, faults.memory.left_velocity
-    for i in range(faults.deaf.size):
-        if faults.off_beats[i] < 0:
+    for i in range(faults.cannot_receive.size):
+        if faults.off_intervals[i] < 0:
             continue
-        time, landing = (faults.off_beats[i] + 1) * faults.period, math.sqrt(2 * left[2, i] / GRAVITY)
+        time, landing = (faults.off_intervals[i] + 1) * faults.period, math.sqrt(2 * left[2, i] / GRAVITY)
         down = time >= landing
         time = min(time, landing)
         for axis in range(2):
@@ -297,6 +297,6 @@ def _fall(faults: Breakdown, world: World) -> None:
             world.touched[i] = 1
 
 
-@implements(has_fix, Breakdown)
-def _has_fix(faults: Breakdown, i: int) -> bool:
+@implements(has_fix, FaultSchedule)
+def _has_fix(faults: FaultSchedule, i: int) -> bool:
     return bool(faults.without_fix[i] < 0)

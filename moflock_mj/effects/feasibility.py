@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from controllers.airframe import Airframe
-from controllers.flight_control.gain_design import largest_push
-from moflock_mj.effects.battery import Cells, make_cells
-from moflock_mj.effects.drag import AirDrag, make_drag, wind_push
+from controllers.flight_control.gain_design import maximum_horizontal_force
+from moflock_mj.effects.battery import Battery, make_battery
+from moflock_mj.effects.drag import Drag, make_drag, wind_push
 from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
 
@@ -13,13 +13,13 @@ from moflock_mj.scenario.scenario import Scenario
 def check_air(scenario: Scenario, airframe: Airframe) -> None:
     """Refuse a wind that the rotors cannot hold, a flock speed that drag forbids, a battery too empty to hover.
 
-    The vehicle can push against drag with `largest_push`. Gusts come on top, and are not held against it.
+    The vehicle can push against drag with `maximum_horizontal_force`. Gusts come on top, and are not held against it.
 
     Raises:
         ScenarioError: one line that names the field, its value and the limit.
     """
-    battery = make_cells(scenario, airframe)
-    if scenario.battery is not None and isinstance(battery, Cells):
+    battery = make_battery(scenario, airframe)
+    if scenario.battery is not None and isinstance(battery, Battery):
         lift = float(battery.lift[0])
         if lift * airframe.thrust_to_weight() <= 1:
             raise ScenarioError(
@@ -27,9 +27,9 @@ def check_air(scenario: Scenario, airframe: Airframe) -> None:
                 f"thrust: to hover it must be over {1 / airframe.thrust_to_weight():.0%}"
             )
     drag = make_drag(scenario, airframe)
-    if not isinstance(drag, AirDrag):
+    if not isinstance(drag, Drag):
         return
-    most = largest_push(airframe, scenario.tilt_max)
+    most = maximum_horizontal_force(airframe, scenario.tilt_max)
     speeds = {"v_flock": scenario.v_flock} | ({"wind.speed": scenario.wind.speed} if scenario.wind else {})
     for field, speed in speeds.items():
         push = wind_push(drag, speed, airframe.mass)

@@ -9,7 +9,7 @@ from controllers.compiling import Off, hot_stage, implements
 from moflock_mj.scenario.scenario import Scenario
 
 
-class Ground(NamedTuple):
+class GroundEffect(NamedTuple):
     """Ground that the rotors feel.
 
     Attributes:
@@ -21,9 +21,11 @@ class Ground(NamedTuple):
     rotor_radius: float
 
 
-def make_ground(scenario: Scenario, airframe: Airframe) -> Ground | Off:
+def make_ground_effect(scenario: Scenario, airframe: Airframe) -> GroundEffect | Off:
     """The ground effect of a scenario."""
-    return Off() if scenario.ground_effect is None else Ground(scenario.ground_effect.height, airframe.rotor_radius)
+    return (
+        Off() if scenario.ground_effect is None else GroundEffect(scenario.ground_effect.height, airframe.rotor_radius)
+    )
 
 
 @hot_stage
@@ -42,7 +44,7 @@ def _no_ground(ground: Off, height: float) -> float:  # noqa: ARG001
     return 1.0
 
 
-@implements(ground_lift, Ground)
-def _lift_over_ground(ground: Ground, height: float) -> float:
+@implements(ground_lift, GroundEffect)
+def _lift_over_ground(ground: GroundEffect, height: float) -> float:
     ratio = ground.rotor_radius / (4 * max(height - ground.height, ground.rotor_radius / 2))
     return 1 / (1 - ratio * ratio)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
-from moflock_mj.errors import OrderError
+from moflock_mj.errors import CommandError
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
 from moflock_mj.mavlink.parameters import REAL32, Parameter, carried_value, value_carried
@@ -121,11 +121,11 @@ async def set_parameter(vehicle: RemoteVehicle, name: str, value: float) -> Para
     """Set a parameter and read it back; returns it as the vehicle has it now.
 
     Raises:
-        OrderError: it has no such parameter, does not answer, or keeps another value.
+        CommandError: it has no such parameter, does not answer, or keeps another value.
     """
     known = await read_parameter(vehicle, name)
     if known is None:
-        raise OrderError(f"{vehicle}: parameter {name}: no answer")
+        raise CommandError(f"{vehicle}: parameter {name}: no answer")
     carried = value_carried(value, known.kind, bytewise=_bytewise(vehicle))
     order = mavlink.MAVLink_param_set_message(vehicle.system, AUTOPILOT_COMPONENT, name.encode(), carried, known.kind)
     # The answer to the order is the value as it is kept; it is asked for once more all the same.
@@ -133,7 +133,7 @@ async def set_parameter(vehicle: RemoteVehicle, name: str, value: float) -> Para
     kept = await read_parameter(vehicle, name)
     if kept is None or not math.isclose(kept.value, value, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
         has = "no answer" if kept is None else f"it keeps {kept.value:g}"
-        raise OrderError(f"{vehicle}: parameter {name}: {value:g} was set, but {has}")
+        raise CommandError(f"{vehicle}: parameter {name}: {value:g} was set, but {has}")
     return kept
 
 
@@ -141,7 +141,7 @@ async def upload_fence(vehicle: RemoteVehicle, items: Sequence[FenceItem]) -> No
     """Replace the vehicle's fence.
 
     Raises:
-        OrderError: it does not answer, or refuses.
+        CommandError: it does not answer, or refuses.
     """
     whom = (vehicle.system, AUTOPILOT_COMPONENT)
     names = ["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"]
@@ -152,13 +152,13 @@ async def upload_fence(vehicle: RemoteVehicle, items: Sequence[FenceItem]) -> No
     answer = await exchange(vehicle, mavlink.MAVLink_mission_count_message(*whom, len(items), _FENCE), names, of_fence)
     for _ in range(4 * len(items) + TRIES):
         if answer is None:
-            raise OrderError(f"{vehicle}: fence: no answer")
+            raise CommandError(f"{vehicle}: fence: no answer")
         if answer.get_type() == "MISSION_ACK":
             if answer.type != mavlink.MAV_MISSION_ACCEPTED:
-                raise OrderError(f"{vehicle}: fence: refused, MAV_MISSION_RESULT {answer.type}")
+                raise CommandError(f"{vehicle}: fence: refused, MAV_MISSION_RESULT {answer.type}")
             return
         if not 0 <= answer.seq < len(items):
-            raise OrderError(f"{vehicle}: fence: item {answer.seq} of {len(items)} asked for")
+            raise CommandError(f"{vehicle}: fence: item {answer.seq} of {len(items)} asked for")
         item = _item_message(vehicle.system, answer.seq, items[answer.seq])
         asked = answer.seq
 
@@ -167,20 +167,20 @@ async def upload_fence(vehicle: RemoteVehicle, items: Sequence[FenceItem]) -> No
             return of_fence(answer) and (answer.get_type() == "MISSION_ACK" or answer.seq != asked)
 
         answer = await exchange(vehicle, item, names, is_next)
-    raise OrderError(f"{vehicle}: fence: it asks and asks")
+    raise CommandError(f"{vehicle}: fence: it asks and asks")
 
 
 async def download_fence(vehicle: RemoteVehicle) -> list[FenceItem]:
     """The vehicle's fence.
 
     Raises:
-        OrderError: it does not answer.
+        CommandError: it does not answer.
     """
     whom = (vehicle.system, AUTOPILOT_COMPONENT)
     request = mavlink.MAVLink_mission_request_list_message(*whom, _FENCE)
     count = await exchange(vehicle, request, ["MISSION_COUNT"], lambda told: told.mission_type == _FENCE)
     if count is None:
-        raise OrderError(f"{vehicle}: fence: no answer")
+        raise CommandError(f"{vehicle}: fence: no answer")
     items = []
     for number in range(min(count.count, _FENCE_ITEMS_MAX)):
         asked = mavlink.MAVLink_mission_request_int_message(*whom, number, _FENCE)
@@ -191,7 +191,7 @@ async def download_fence(vehicle: RemoteVehicle) -> list[FenceItem]:
             lambda told, number=number: told.mission_type == _FENCE and told.seq == number,  # type: ignore[misc]
         )
         if item is None:
-            raise OrderError(f"{vehicle}: fence: item {number} of {count.count} does not come")
+            raise CommandError(f"{vehicle}: fence: item {number} of {count.count} does not come")
         items.append(FenceItem(item.command, item.param1, item.x / 1e7, item.y / 1e7))
     vehicle.send(mavlink.MAVLink_mission_ack_message(*whom, mavlink.MAV_MISSION_ACCEPTED, _FENCE))
     return items

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from moflock_mj.errors import OrderError
+from moflock_mj.errors import CommandError
 from moflock_mj.ground_station.commands import command, command_long
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle, mode_name
 from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
@@ -30,16 +30,16 @@ _VELOCITY_ONLY = 0xDC7
 _NAN = math.nan
 
 
-class Task(enum.StrEnum):
+class FlightTask(enum.StrEnum):
     """What a vehicle in the air can be told to do."""
 
-    OBEY = "obey"
+    OFFBOARD = "obey"
     HOLD = "hold"
     RETURN = "return"
     LAND = "land"
 
 
-class Style(NamedTuple):
+class AutopilotProfile(NamedTuple):
     """What is particular to an autopilot.
 
     Attributes:
@@ -50,7 +50,7 @@ class Style(NamedTuple):
     """
 
     name: str
-    modes: Mapping[Task, int]
+    modes: Mapping[FlightTask, int]
     taking_off: tuple[int, ...]
     streams_first: bool
 
@@ -59,13 +59,21 @@ def _px4(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
-STYLES: Mapping[int, Style] = {
-    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: Style(
-        "ardupilot", {Task.OBEY: 4, Task.HOLD: 17, Task.RETURN: 6, Task.LAND: 9}, (4,), False
+PROFILES: Mapping[int, AutopilotProfile] = {
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotProfile(
+        "ardupilot",
+        {FlightTask.OFFBOARD: 4, FlightTask.HOLD: 17, FlightTask.RETURN: 6, FlightTask.LAND: 9},
+        (4,),
+        False,
     ),
-    mavlink.MAV_AUTOPILOT_PX4: Style(
+    mavlink.MAV_AUTOPILOT_PX4: AutopilotProfile(
         "px4",
-        {Task.OBEY: _px4(6), Task.HOLD: _px4(4, 3), Task.RETURN: _px4(4, 5), Task.LAND: _px4(4, 6)},
+        {
+            FlightTask.OFFBOARD: _px4(6),
+            FlightTask.HOLD: _px4(4, 3),
+            FlightTask.RETURN: _px4(4, 5),
+            FlightTask.LAND: _px4(4, 6),
+        },
         (_px4(4, 2), _px4(4, 3)),
         True,
     ),
@@ -73,19 +81,19 @@ STYLES: Mapping[int, Style] = {
 """By MAV_AUTOPILOT."""
 
 
-def style_of(vehicle: RemoteVehicle) -> Style:
+def profile_of(vehicle: RemoteVehicle) -> AutopilotProfile:
     """The style of a vehicle's autopilot.
 
     Raises:
-        OrderError: it is one that we cannot fly.
+        CommandError: it is one that we cannot fly.
     """
-    style = STYLES.get(vehicle.autopilot)
-    if style is None:
-        raise OrderError(f"{vehicle}: autopilot {vehicle.autopilot} is unknown: it must be ArduPilot (3) or PX4 (12)")
+    profile = PROFILES.get(vehicle.autopilot)
+    if profile is None:
+        raise CommandError(f"{vehicle}: autopilot {vehicle.autopilot} is unknown: it must be ArduPilot (3) or PX4 (12)")
     kind = vehicle.latest["HEARTBEAT"].message.type
     if kind == mavlink.MAV_TYPE_FIXED_WING:
-        raise OrderError(f"{vehicle}: is a fixed wing: it must be a multicopter")
-    return style
+        raise CommandError(f"{vehicle}: is a fixed wing: it must be a multicopter")
+    return profile
 
 
 def mode_order(vehicle: RemoteVehicle, mode: int) -> Message:
@@ -115,33 +123,33 @@ async def set_mode(vehicle: RemoteVehicle, mode: int, *, timeout: float = 5.0) -
     """Ask for a custom_mode until HEARTBEAT shows it.
 
     Raises:
-        OrderError: it does not, in time.
+        CommandError: it does not, in time.
     """
     if (said := await _until(vehicle, mode_order(vehicle, mode), lambda: vehicle.mode == mode, timeout)) is not None:
         wanted = mode_name(vehicle.autopilot, mode)
-        raise OrderError(f"{vehicle}: stays in {vehicle.mode_name}, asked for {wanted}{said}")
+        raise CommandError(f"{vehicle}: stays in {vehicle.mode_name}, asked for {wanted}{said}")
 
 
 async def arm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
     """Arm, never by force.
 
     Raises:
-        OrderError: it does not arm; with what it says.
+        CommandError: it does not arm; with what it says.
     """
     order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     if (said := await _until(vehicle, order, lambda: vehicle.armed, timeout)) is not None:
-        raise OrderError(f"{vehicle}: does not arm{said}")
+        raise CommandError(f"{vehicle}: does not arm{said}")
 
 
 async def disarm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
     """Disarm on the ground; in the air an autopilot refuses.
 
     Raises:
-        OrderError: it does not disarm.
+        CommandError: it does not disarm.
     """
     order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
     if (said := await _until(vehicle, order, lambda: not vehicle.armed, timeout)) is not None:
-        raise OrderError(f"{vehicle}: does not disarm{said}")
+        raise CommandError(f"{vehicle}: does not disarm{said}")
 
 
 async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10.0) -> None:
@@ -155,20 +163,20 @@ async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10
         timeout: s, for the mode and for arming.
 
     Raises:
-        OrderError: it does not.
+        CommandError: it does not.
     """
-    if style_of(vehicle).name == "ardupilot":
-        await set_mode(vehicle, STYLES[vehicle.autopilot].modes[Task.OBEY], timeout=timeout)
+    if profile_of(vehicle).name == "ardupilot":
+        await set_mode(vehicle, PROFILES[vehicle.autopilot].modes[FlightTask.OFFBOARD], timeout=timeout)
         await arm(vehicle, timeout=timeout)
         params: tuple[float, ...] = (0, 0, 0, 0, 0, 0, height)
     else:
         # PX4 does not arm in LAND, nor in OFFBOARD without a stream, where it is again after a flight.
-        await set_mode(vehicle, STYLES[vehicle.autopilot].modes[Task.HOLD], timeout=timeout)
+        await set_mode(vehicle, PROFILES[vehicle.autopilot].modes[FlightTask.HOLD], timeout=timeout)
         await arm(vehicle, timeout=timeout)
         # PX4 counts above mean sea level; NaN: where it is, as it points.
         place = vehicle.fix
         if place is None:
-            raise OrderError(f"{vehicle}: does not say where it is")
+            raise CommandError(f"{vehicle}: does not say where it is")
         params = (_NAN, 0, 0, _NAN, _NAN, _NAN, place.altitude - place.height + height)
     order = command_long(vehicle.system, mavlink.MAV_CMD_NAV_TAKEOFF, *params)
 
@@ -176,18 +184,18 @@ async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10
         return vehicle.landed is False or (vehicle.fix is not None and vehicle.fix.height > 0.5)
 
     if (said := await _until(vehicle, order, climbs, _OFF_THE_GROUND)) is not None:
-        raise OrderError(f"{vehicle}: does not take off{said}")
+        raise CommandError(f"{vehicle}: does not take off{said}")
 
 
-async def begin(vehicle: RemoteVehicle, task: Task, *, timeout: float = 5.0) -> None:
+async def begin(vehicle: RemoteVehicle, task: FlightTask, *, timeout: float = 5.0) -> None:
     """Let a vehicle in the air hold, return, land, or obey setpoints.
 
     Before Task.OBEY somebody must stream setpoints to it already, for STREAM_FIRST, and go on.
 
     Raises:
-        OrderError: HEARTBEAT does not show it.
+        CommandError: HEARTBEAT does not show it.
     """
-    await set_mode(vehicle, style_of(vehicle).modes[task], timeout=timeout)
+    await set_mode(vehicle, profile_of(vehicle).modes[task], timeout=timeout)
 
 
 async def run_prearm_checks(vehicle: RemoteVehicle) -> int | None:

@@ -88,7 +88,7 @@ class GroundLink:
         self.endpoint.peer((host, port))
 
 
-class Ground:
+class GroundStation:
     """Links to vehicles, which `connect` waits for; an asynchronous context manager that opens and closes them.
 
     Args:
@@ -111,7 +111,7 @@ class Ground:
         clock = SigningClock()
         self.links = [GroundLink(connection, self._receive, key, clock) for connection in connections]
 
-    async def __aenter__(self) -> Ground:
+    async def __aenter__(self) -> GroundStation:
         try:
             for link in self.links:
                 await link.open()
@@ -301,7 +301,7 @@ async def vehicles_at(
     *,
     count: int | None = None,
     timeout: float = 10.0,
-) -> AsyncIterator[tuple[Ground, list[RemoteVehicle]]]:
-    """A ground station with all its vehicles there; see `Ground` and `Ground.connect`."""
-    async with Ground(connections, key) as ground:
+) -> AsyncIterator[tuple[GroundStation, list[RemoteVehicle]]]:
+    """A ground station with all its vehicles there; see `GroundStation` and `GroundStation.connect`."""
+    async with GroundStation(connections, key) as ground:
         yield ground, await ground.connect(count=count, timeout=timeout)

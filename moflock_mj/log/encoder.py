@@ -133,7 +133,7 @@ class Encoder:
         self._metrics = message_record(self._channels["/metrics"], metrics_record())
         # A block that is longer than a chunk is written in pieces.
         tick_size = sum(len(record.constant) for record in (self._points, self._transforms, self._metrics))
-        self._most_ticks = max(1, CHUNK_SIZE // tick_size)
+        self._max_fixes = max(1, CHUNK_SIZE // tick_size)
         still = scene(header.outline, header.altitude, header.drones, header.radius)
         self._file.add_message(self._channels["/scene"], 0, still.SerializeToString())
         walls = arena_points(header.outline, header.altitude)
@@ -145,8 +145,8 @@ class Encoder:
         count = len(block.time_ns)
         if not count:
             return
-        for first in range(0, count, self._most_ticks):
-            self._ticks(SampleBlock._make(array[first : first + self._most_ticks] for array in block))
+        for first in range(0, count, self._max_fixes):
+            self._ticks(SampleBlock._make(array[first : first + self._max_fixes] for array in block))
         self._flush_in_time(int(block.time_ns[-1]))
 
     def event(self, event: FlightEvent) -> None:

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.airframe_models import flock_spec, load_airframe
 from moflock_mj.errors import LogError
 from moflock_mj.log.encoder import Attachment, LogHeader, SampleBlock
@@ -25,15 +25,15 @@ from moflock_mj.log.writer import FlightLog
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness, fitness_of
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
-from moflock_mj.metrics.samples import Record
+from moflock_mj.metrics.samples import SampleBuffer
 from moflock_mj.parameters.points import dump_point
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.simulation.simulation import Simulation
 
 _STATE_PERIOD = 10.0
 """Simulated seconds between two whole states."""
 
-_MOST_DRAWN = 200
+_MAX_DRAWN = 200
 """Drones up to which the attached model shows rotors and arms; composing these takes the square of their number."""
 
 SEVERITY = np.array(
@@ -50,29 +50,29 @@ class FlightLogger:
 
     Args:
         path: where it is written.
-        flock: what it follows, from the state that the flock is in now.
+        simulation: what it follows, from the state that the flock is in now.
         origin: what the metadata say of where that state comes from.
 
     Raises:
         LogError: the log cannot be written.
     """
 
-    def __init__(self, path: str | Path, flock: Flock, origin: Mapping[str, str]) -> None:
-        self._flock = flock
-        airframe = load_airframe(flock.scenario.airframe)
-        metadata = run_metadata(flock) | dict(origin)
+    def __init__(self, path: str | Path, simulation: Simulation, origin: Mapping[str, str]) -> None:
+        self._simulation = simulation
+        airframe = load_airframe(simulation.scenario.airframe)
+        metadata = run_metadata(simulation) | dict(origin)
         self._log = FlightLog(
             path,
             LogHeader(
                 metadata=metadata,
-                attachments=flight_attachments(flock.scenario, flock.params, flock.step, metadata),
-                outline=flock.arena.outline(),
-                altitude=flock.scenario.altitude,
-                drones=flock.scenario.drones,
+                attachments=flight_attachments(simulation.scenario, simulation.params, simulation.step, metadata),
+                outline=simulation.arena.outline(),
+                altitude=simulation.scenario.altitude,
+                drones=simulation.scenario.drones,
                 radius=airframe.radius,
             ),
         )
-        self._next_state = flock.time
+        self._next_state = simulation.time
         self._finished = False
 
     @property
@@ -80,23 +80,23 @@ class FlightLogger:
         """Always: a log holds whole states."""
         return True
 
-    def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
+    def write(self, time_ns: NDArray[np.int64], record: SampleBuffer, events: list[FlightEvent]) -> None:
         """Log some samples and the events in them."""
         for event in events:
             self._log.event(event)
-        self._log.write(sample_block(time_ns, record, self._flock.scenario))
-        if self._flock.body is None:
+        self._log.write(sample_block(time_ns, record, self._simulation.scenario))
+        if self._simulation.body is None:
             # Point masses outrun the disk, and would lose more than a second to a kill.
             self._log.settle()
 
-    def finish(self, record: Record) -> None:
+    def finish(self, record: SampleBuffer) -> None:
         """End the log with the figures of the last record."""
         phi = OrderParameters(*record.order_parameters[-1].tolist())
-        fitness: Fitness = fitness_of(phi, self._flock.scenario)
+        fitness: Fitness = fitness_of(phi, self._simulation.scenario)
         self._finished = True
         self._log.finish(
             {
-                "flown": repr(self._flock.time),
+                "flown": repr(self._simulation.time),
                 "order_parameters": json.dumps(phi._asdict()),
                 "fitness": json.dumps(fitness._asdict()),
             }
@@ -112,17 +112,17 @@ class FlightLogger:
             self._log.abort()
             return
         message = str(error) or "the flight was interrupted"
-        self._log.event(FlightEvent(round(self._flock.time * 1e9), "error", message))
-        self._log.finish({"flown": repr(self._flock.time), "error": message})
+        self._log.event(FlightEvent(round(self._simulation.time * 1e9), "error", message))
+        self._log.finish({"flown": repr(self._simulation.time), "error": message})
 
     def store_state(self) -> None:
         """Log the whole state if that is due; to be called before the first samples and after all others."""
-        if self._flock.time >= self._next_state - 1e-9:
-            self._log.state(round(self._flock.time * 1e9), self._flock.snapshot())
+        if self._simulation.time >= self._next_state - 1e-9:
+            self._log.state(round(self._simulation.time * 1e9), self._simulation.snapshot())
             self._next_state += _STATE_PERIOD
 
 
-def sample_block(time_ns: NDArray[np.int64], record: Record, scenario: Scenario) -> SampleBlock:
+def sample_block(time_ns: NDArray[np.int64], record: SampleBuffer, scenario: Scenario) -> SampleBlock:
     """Samples as a log holds them; time_ns: (K,), simulated time of each."""
     fitness = fitness_of(OrderParameters(*record.order_parameters.T), scenario)
     return SampleBlock(
@@ -136,14 +136,14 @@ def sample_block(time_ns: NDArray[np.int64], record: Record, scenario: Scenario)
     )
 
 
-def run_metadata(flock: Flock) -> dict[str, str]:
+def run_metadata(simulation: Simulation) -> dict[str, str]:
     """All that is needed to fly this flight again, and when and on what it was flown."""
     return {
-        "scenario": flock.scenario.to_toml(),
-        "parameters": json.dumps(flock.params._asdict()),
-        "dynamics": flock.dynamics,
-        "seed": str(flock.seed),
-        "step": repr(flock.step),
+        "scenario": simulation.scenario.to_toml(),
+        "parameters": json.dumps(simulation.params._asdict()),
+        "dynamics": simulation.dynamics,
+        "seed": str(simulation.seed),
+        "step": repr(simulation.step),
         **circumstances(),
     }
 
@@ -164,10 +164,10 @@ def circumstances() -> dict[str, str]:
 
 
 def flight_attachments(
-    scenario: Scenario, params: FlockingParams, step: float, metadata: Mapping[str, str]
+    scenario: Scenario, params: VasarhelyiParams, step: float, metadata: Mapping[str, str]
 ) -> tuple[Attachment, ...]:
     """The files inside a log: model, scenario, parameters, a copy of the metadata, layouts for viewers."""
-    model = flock_spec(scenario.airframe, scenario.drones, step, visuals=scenario.drones <= _MOST_DRAWN)
+    model = flock_spec(scenario.airframe, scenario.drones, step, visuals=scenario.drones <= _MAX_DRAWN)
     model.compile()
     return (
         Attachment("flock.xml", "application/xml", model.to_xml().encode()),

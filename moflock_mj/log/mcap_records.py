@@ -25,10 +25,10 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish t
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary start, start of its offsets, checksum, magic
 _STATISTICS = struct.Struct("<QHIIII")  # messages, schemas, channels, attachments, metadata, chunks
 
-_MOST_CHUNK = 1 << 26
+_MAX_CHUNK = 1 << 26
 """Bytes of an unpacked chunk; the writer's are about 1 MiB, and the whole state of 10 000 drones takes 10 MB."""
 
-_MOST_GROWTH = 64
+_MAX_GROWTH = 64
 """How many times its own size a file may unpack to in all, beyond the size of one chunk; a log takes twice, if that."""
 
 
@@ -208,7 +208,7 @@ class ChunkUnpacker:
     """
 
     def __init__(self, file_size: int) -> None:
-        self._left = _MOST_CHUNK + _MOST_GROWTH * file_size
+        self._left = _MAX_CHUNK + _MAX_GROWTH * file_size
         self._decompressor = zstandard.ZstdDecompressor()
 
     def unpack(self, content: memoryview) -> memoryview:
@@ -224,10 +224,10 @@ class ChunkUnpacker:
         fields.end()
         if compression != "zstd":
             raise DamageError(f"a chunk is packed by {printable(compression)!r}; it must be zstd")
-        if size > _MOST_CHUNK:
-            raise DamageError(f"a chunk unpacks to {size} bytes; it must be at most {_MOST_CHUNK}")
+        if size > _MAX_CHUNK:
+            raise DamageError(f"a chunk unpacks to {size} bytes; it must be at most {_MAX_CHUNK}")
         if size > self._left:
-            raise DamageError(f"its chunks unpack to over {_MOST_GROWTH} times its size")
+            raise DamageError(f"its chunks unpack to over {_MAX_GROWTH} times its size")
         self._left -= size
         try:
             if zstandard.frame_content_size(packed) != size:  # what zstandard would set aside, unasked

@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from controllers.compiling import entry_kernel
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import LogError, MoflockError
 from moflock_mj.log.mcap_records import (
     ChunkUnpacker,
@@ -85,7 +85,7 @@ class LoggedFlight(AnyFlight):
         body_rates: (T, N, 3), rad/s, body.
         running_fitness: arrays over (T,).
         digests: (T, 16), of the exact states, see `log_schemas.state_digests`.
-        states: whole states by simulated time in s, as `Flock.restore` takes them.
+        states: whole states by simulated time in s, as `Simulation.restore` takes them.
         metadata: how the flight came about: versions, commit, processor, time.
         result: the figures of the flight's end; empty if the log was recovered without them.
         attachments: files by name.
@@ -135,7 +135,7 @@ def read_log(path: str | Path) -> LoggedFlight:
         raise LogError(f"log: {path}: {problem}") from None
 
 
-def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, FlockingParams, str, int]:
+def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, VasarhelyiParams, str, int]:
     """What the record `moflock.run` says was flown: scenario, parameters, dynamics, seed.
 
     Raises:
@@ -149,7 +149,7 @@ def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, FlockingParams, st
             raise DamageError(f"log_version: {log_version} is newer than {LOG_VERSION}; a newer moflock reads it")
         field = "parameters"
         values = json.loads(metadata[field])
-        params = check_point(values[name] for name in FlockingParams._fields)
+        params = check_point(values[name] for name in VasarhelyiParams._fields)
         field = "scenario"
         scenario = Scenario.from_toml(metadata[field])
         field = "parameters"

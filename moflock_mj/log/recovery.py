@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from moflock_mj.errors import LogError, MoflockError
-from moflock_mj.files import make_room
+from moflock_mj.files import make_folder
 from moflock_mj.log.chunk_writer import ChunkWriter
 from moflock_mj.log.mcap_records import (
     AttachedFile,
@@ -46,10 +46,10 @@ _LANDMARK = re.compile(
 )
 """How the records begin that are worth finding behind a damaged one."""
 
-_MOST_SEARCHED = 16
+_MAX_SEARCHED = 16
 """How many times its own size a file is read in vain; one that was made to be slow ends there."""
 
-_MOST_PROBLEMS = 20
+_MAX_PROBLEMS = 20
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -191,7 +191,7 @@ class _Salvage:
 
     def _intact_records(self, position: int) -> Iterator[Record]:
         """Take in every record that is intact, up to the end of the data."""
-        patience = _MOST_SEARCHED * len(self._data)
+        patience = _MAX_SEARCHED * len(self._data)
         while not self._ended and position < len(self._data):
             length = 0
             try:
@@ -239,7 +239,7 @@ class _Salvage:
             self.metadata[RUN_METADATA] = copied
 
     def _note(self, problem: str) -> None:
-        if len(self.problems) < _MOST_PROBLEMS:
+        if len(self.problems) < _MAX_PROBLEMS:
             self.problems.append(problem)
 
 
@@ -286,7 +286,7 @@ def _replacing(path: Path) -> Iterator[Path]:
     """
     part = path.with_name(f"{path.name}.recovered.part")
     try:
-        make_room(path)
+        make_folder(path)
         yield part
         part.replace(path)
     except OSError as problem:

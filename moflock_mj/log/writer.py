@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import IO, Any, NamedTuple, Self
 
 from moflock_mj.errors import LogError
-from moflock_mj.files import make_room
+from moflock_mj.files import make_folder
 from moflock_mj.log.encoder import Attachment, Encoder, FlightState, LinkPacket, LogHeader, SampleBlock, check_shapes
 from moflock_mj.metrics.events import FlightEvent
 
@@ -190,7 +190,7 @@ class _Finish(NamedTuple):
 
 def _open(path: Path, part: Path) -> IO[bytes]:
     """Open the unfinished file for this process alone; one that a dead process left is overwritten."""
-    make_room(path)
+    make_folder(path)
     descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
         # Emptied only once it is ours.

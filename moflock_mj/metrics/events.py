@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moflock_mj.effects.fault_injection import NEVER, beats_of
+from moflock_mj.effects.fault_injection import NEVER, intervals_of
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
-from moflock_mj.metrics.samples import Record
+from moflock_mj.metrics.samples import SampleBuffer
 from moflock_mj.scenario.scenario import Scenario
 
 
@@ -30,7 +30,7 @@ class FlightEvent(NamedTuple):
 
 
 def find_events(
-    record: Record, before: NDArray[np.uint8], time_ns: NDArray[np.int64], touched_with: NDArray[np.int64] | None
+    record: SampleBuffer, before: NDArray[np.uint8], time_ns: NDArray[np.int64], touched_with: NDArray[np.int64] | None
 ) -> list[FlightEvent]:
     """Events of some samples, in order of time.
 
@@ -71,8 +71,8 @@ def fault_events(scenario: Scenario, period: float, after_ns: int, until_ns: int
     events = []
     for fault in scenario.faults:
         drone = -1 if fault.drone is None else fault.drone
-        for beat, ends in zip(beats_of(fault, period), ("", " (over)"), strict=True):
-            time_ns = beat * round(period * 1e9) if beat < NEVER else until_ns + 1
+        for interval, ends in zip(intervals_of(fault, period), ("", " (over)"), strict=True):
+            time_ns = interval * round(period * 1e9) if interval < NEVER else until_ns + 1
             if after_ns < time_ns <= until_ns:
                 events.append(FlightEvent(time_ns, "warning", f"{fault.describe()}{ends}", drone))
     return sorted(events, key=lambda event: event.time_ns)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from controllers.compiling import kernel
 from controllers.policies.braking import braking_distance
-from controllers.policies.vasarhelyi import FlockingParams
-from moflock_mj.world.state import World
+from controllers.policies.vasarhelyi import VasarhelyiParams
+from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
 OUTSIDE, CLOSE, TOUCHED = 1, 2, 4
@@ -38,7 +38,7 @@ class OrderParameters(NamedTuple):
     cluster: float
 
 
-class Yardstick(NamedTuple):
+class MetricRanges(NamedTuple):
     """Distances by which a flight is judged, m.
 
     Attributes:
@@ -50,7 +50,7 @@ class Yardstick(NamedTuple):
     r_coll: float
 
 
-class Tally(NamedTuple):
+class MetricAccumulator(NamedTuple):
     """Sums over the samples so far, and room to count in.
 
     Attributes:
@@ -72,7 +72,7 @@ class Tally(NamedTuple):
     wall_normal: NDArray[np.float64]
 
     @classmethod
-    def empty(cls, drones: int, walls: int) -> Tally:
+    def empty(cls, drones: int, walls: int) -> MetricAccumulator:
         return cls(
             sums=np.zeros(8),
             neighbours=np.zeros(drones, np.int64),
@@ -84,50 +84,54 @@ class Tally(NamedTuple):
         )
 
 
-def cluster_range(params: FlockingParams, v_flock: float) -> float:
+def cluster_range(params: VasarhelyiParams, v_flock: float) -> float:
     """r_cluster, m: r0_rep + r0_frict + the braking distance from v_flock."""
     return float(params.r0_rep + params.r0_frict + braking_distance(v_flock, params.a_frict, params.p_frict))
 
 
 @kernel
-def _count_walls(world: World, arena: NamedTuple, tally: Tally) -> tuple[float, float]:
+def _count_walls(world: TrueState, arena: NamedTuple, accumulator: MetricAccumulator) -> tuple[float, float]:
     """Drones beyond a wall now, and the sum of how far they are, m."""
-    locate_walls(arena, world.position, tally.wall_distance, tally.wall_normal)
+    locate_walls(arena, world.position, accumulator.wall_distance, accumulator.wall_normal)
     outside, distance = 0.0, 0.0
-    for i in range(tally.status.size):
+    for i in range(accumulator.status.size):
         depth = -inf
-        for wall in range(tally.wall_distance.shape[0]):
-            depth = max(depth, -tally.wall_distance[wall, i])
-        tally.status[i] = TOUCHED if world.touched[i] else 0
+        for wall in range(accumulator.wall_distance.shape[0]):
+            depth = max(depth, -accumulator.wall_distance[wall, i])
+        accumulator.status[i] = TOUCHED if world.touched[i] else 0
         if depth > 0:
             outside += 1
             distance += depth
-            tally.status[i] |= OUTSIDE
+            accumulator.status[i] |= OUTSIDE
     return outside, distance
 
 
 @kernel
-def _count_speeds(world: World, tally: Tally) -> float:
+def _count_speeds(world: TrueState, accumulator: MetricAccumulator) -> float:
     """Sum of the speeds now, m/s; headings are left in the tally (zero for a drone at rest)."""
     vx, vy, vz = world.velocity
     total = 0.0
     for i in range(vx.size):
         speed = sqrt(vx[i] * vx[i] + vy[i] * vy[i] + vz[i] * vz[i])
         scale = 1 / speed if speed > 0 else 0.0
-        tally.heading[0, i], tally.heading[1, i], tally.heading[2, i] = scale * vx[i], scale * vy[i], scale * vz[i]
+        accumulator.heading[0, i], accumulator.heading[1, i], accumulator.heading[2, i] = (
+            scale * vx[i],
+            scale * vy[i],
+            scale * vz[i],
+        )
         total += speed
     return total
 
 
 @kernel
-def _count_pairs(world: World, yardstick: Yardstick, tally: Tally) -> tuple[int, float]:
+def _count_pairs(world: TrueState, ranges: MetricRanges, accumulator: MetricAccumulator) -> tuple[int, float]:
     """Pairs closer than r_coll, and the square of the smallest distance, m^2; each pair is measured once."""
     x, y, z = world.position
-    ux, uy, uz = tally.heading
-    neighbours, correlation = tally.neighbours, tally.correlation
+    ux, uy, uz = accumulator.heading
+    neighbours, correlation = accumulator.neighbours, accumulator.correlation
     neighbours[:] = 0
     correlation[:] = 0
-    cluster_sq, coll_sq = yardstick.r_cluster**2, yardstick.r_coll**2
+    cluster_sq, coll_sq = ranges.r_cluster**2, ranges.r_coll**2
     close, nearest_sq = 0, inf
     for i in range(x.size):
         for j in range(i + 1, x.size):
@@ -141,39 +145,41 @@ def _count_pairs(world: World, yardstick: Yardstick, tally: Tally) -> tuple[int,
             nearest_sq = min(nearest_sq, distance_sq)
             if distance_sq < coll_sq:
                 close += 1
-                tally.status[i] |= CLOSE
-                tally.status[j] |= CLOSE
+                accumulator.status[i] |= CLOSE
+                accumulator.status[j] |= CLOSE
     return close, nearest_sq
 
 
 @kernel
-def count_sample(world: World, arena: NamedTuple, yardstick: Yardstick, counts: bool, tally: Tally) -> float:
+def count_sample(
+    world: TrueState, arena: NamedTuple, ranges: MetricRanges, counts: bool, accumulator: MetricAccumulator
+) -> float:
     """Judge the true state of one moment.
 
     Args:
         world: the true state.
         arena: where the walls are.
-        yardstick: distances that tell neighbours and collisions.
+        ranges: distances that tell neighbours and collisions.
         counts: whether the sample enters the order parameters (it does not during the warm-up).
-        tally: counts on.
+        accumulator: counts on.
 
     Returns:
         The smallest distance between two drones now, m; infinite for one drone.
     """
-    drones = tally.status.size
-    outside, depth = _count_walls(world, arena, tally)
-    speed = _count_speeds(world, tally)
-    close, nearest_sq = _count_pairs(world, yardstick, tally)
+    drones = accumulator.status.size
+    outside, depth = _count_walls(world, arena, accumulator)
+    speed = _count_speeds(world, accumulator)
+    close, nearest_sq = _count_pairs(world, ranges, accumulator)
     correlation, disconnected, fewest = 0.0, 0, drones
     for i in range(drones):
-        neighbours = tally.neighbours[i]
+        neighbours = accumulator.neighbours[i]
         fewest = min(fewest, neighbours)
         if neighbours == 0:
             disconnected += 1
         else:
-            correlation += tally.correlation[i] / neighbours
+            correlation += accumulator.correlation[i] / neighbours
     if counts:
-        sums = tally.sums
+        sums = accumulator.sums
         sums[0] += 1
         sums[1] += outside
         sums[2] += depth
@@ -186,9 +192,9 @@ def count_sample(world: World, arena: NamedTuple, yardstick: Yardstick, counts: 
 
 
 @kernel
-def write_running(tally: Tally, out: NDArray[np.float64]) -> None:
+def write_running(accumulator: MetricAccumulator, out: NDArray[np.float64]) -> None:
     """Write the order parameters over the samples so far to `out`, (6,); zeros before the first."""
-    sums = tally.sums
+    sums = accumulator.sums
     samples = max(sums[0], 1.0)
     out[0] = sums[2] / max(sums[1], 1.0)
     for k in range(1, 6):

@@ -40,17 +40,17 @@ def sample_times(scenario: Scenario, first: int, count: int) -> NDArray[np.int64
     return (numbers * round(scenario.sample_period * 1e9)).astype(np.int64)
 
 
-def final_order_parameters(record: Record) -> OrderParameters:
+def final_order_parameters(record: SampleBuffer) -> OrderParameters:
     """The order parameters up to a record's last sample."""
     return OrderParameters(*record.order_parameters[-1].tolist())
 
 
-def final_fitness(record: Record, scenario: Scenario) -> Fitness:
+def final_fitness(record: SampleBuffer, scenario: Scenario) -> Fitness:
     """The fitness up to a record's last sample."""
     return fitness_of(final_order_parameters(record), scenario)
 
 
-def join_samples(records: list[Record], scenario: Scenario, first: int) -> Samples:
+def join_samples(records: list[SampleBuffer], scenario: Scenario, first: int) -> Samples:
     """The samples of consecutive records, counted from number `first`."""
     joined = {
         name: np.concatenate([getattr(record, name) for record in records])
@@ -67,7 +67,7 @@ def join_samples(records: list[Record], scenario: Scenario, first: int) -> Sampl
     )
 
 
-class Record(NamedTuple):
+class SampleBuffer(NamedTuple):
     """Room for the samples of one call: K of them, and as many whole states as a log wants (K or 0).
 
     Attributes:
@@ -91,7 +91,7 @@ class Record(NamedTuple):
     qvel: NDArray[np.float64]
 
     @classmethod
-    def empty(cls, samples: int, states: int, drones: int) -> Record:
+    def empty(cls, samples: int, states: int, drones: int) -> SampleBuffer:
         """Room for `samples` samples and `states` whole states of `drones` drones."""
         return cls(
             position=np.empty((samples, drones, 3)),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moflock_mj.metrics.samples import Record
+from moflock_mj.metrics.samples import SampleBuffer
 from moflock_mj.scenario.scenario import Scenario
 
 
@@ -46,7 +46,7 @@ class MotionMeter:
         self._velocity_error_sq = self._altitude_error_sq = self._speed = 0.0
         self._nearest, self._outside = np.inf, 0.0
 
-    def add(self, record: Record) -> None:
+    def add(self, record: SampleBuffer) -> None:
         """Sum up the samples of a record."""
         side, altitude = self._scenario.arena_side, self._scenario.altitude
         self._nearest = min(self._nearest, float(record.nearest.min()))

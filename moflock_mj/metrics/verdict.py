@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moflock_mj.scenario.acceptance import VerdictLimits
+from moflock_mj.scenario.acceptance import AcceptanceLimits
 
 FLYABLE, MARGINAL, UNSAFE = "flyable", "marginal", "unsafe"
 
@@ -32,7 +32,9 @@ class _Check(NamedTuple):
     words: str
 
 
-def judge(columns: Mapping[str, NDArray[np.float64]], failed: int, limits: VerdictLimits, diameter: float) -> Verdict:
+def judge(
+    columns: Mapping[str, NDArray[np.float64]], failed: int, limits: AcceptanceLimits, diameter: float
+) -> Verdict:
     """Judge a point by its flights.
 
     Args:
@@ -59,7 +61,7 @@ def _most(counts: NDArray[np.float64]) -> str:
     return f"at most {int(counts.max())} in one"
 
 
-def _checks(columns: Mapping[str, NDArray[np.float64]], limits: VerdictLimits, diameter: float) -> list[_Check]:
+def _checks(columns: Mapping[str, NDArray[np.float64]], limits: AcceptanceLimits, diameter: float) -> list[_Check]:
     separation, least = float(columns["separation_min"].min()), limits.least_separation(diameter)
     checks = [
         _check(

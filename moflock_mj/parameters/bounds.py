@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import PointError, SearchError
 from moflock_mj.fields import check_keys
 from moflock_mj.parameters.points import check_point
@@ -27,7 +27,7 @@ class Bounds:
     """The box in which points are searched.
 
     Attributes:
-        lower: (12,), each in its parameter's unit, in the order of FlockingParams.
+        lower: (12,), each in its parameter's unit, in the order of VasarhelyiParams.
         upper: (12,), each over its lower one.
 
     Raises:
@@ -43,17 +43,17 @@ class Bounds:
                 object.__setattr__(self, side, tuple(check_point(getattr(self, side))))
             except PointError as problem:
                 raise SearchError(f"bounds: {side} {problem}") from None
-        for name, low, high in zip(FlockingParams._fields, self.lower, self.upper, strict=True):
+        for name, low, high in zip(VasarhelyiParams._fields, self.lower, self.upper, strict=True):
             if low >= high:
                 raise SearchError(f"bounds: {name}: lower {low:g} must be under upper {high:g}")
 
-    def check(self, point: FlockingParams) -> None:
+    def check(self, point: VasarhelyiParams) -> None:
         """Refuse a point outside of the box.
 
         Raises:
             SearchError: which parameter is, and by which limit.
         """
-        for name, value, low, high in zip(FlockingParams._fields, point, self.lower, self.upper, strict=True):
+        for name, value, low, high in zip(VasarhelyiParams._fields, point, self.lower, self.upper, strict=True):
             if not low <= value <= high:
                 raise SearchError(f"{name}: {value!r} is out of bounds: it must be from {low:g} to {high:g}")
 
@@ -72,7 +72,7 @@ class Bounds:
     def to_dict(self) -> dict[str, list[float]]:
         """`{name: [lower, upper]}`, as `bounds_of` reads it."""
         return {
-            name: [low, high] for name, low, high in zip(FlockingParams._fields, self.lower, self.upper, strict=True)
+            name: [low, high] for name, low, high in zip(VasarhelyiParams._fields, self.lower, self.upper, strict=True)
         }
 
 
@@ -92,7 +92,7 @@ def bounds_of(table: Any) -> Bounds:
     """
     if not isinstance(table, Mapping):
         raise SearchError("bounds: they must be a table of pairs, such as r0_rep = [30.8, 51.0]")
-    check_keys(table, FlockingParams._fields, SearchError)
+    check_keys(table, VasarhelyiParams._fields, SearchError)
     for name, pair in table.items():
         numbers = isinstance(pair, list) and all(
             isinstance(bound, (int, float)) and not isinstance(bound, bool) and math.isfinite(bound) for bound in pair
@@ -100,7 +100,7 @@ def bounds_of(table: Any) -> Bounds:
         if not numbers or len(pair) != 2:
             raise SearchError(f"bounds: {name}: {pair!r} must be a pair of finite numbers, lower and upper")
     merged = paper_bounds().to_dict() | dict(table)
-    lower, upper = zip(*(merged[name] for name in FlockingParams._fields), strict=True)
+    lower, upper = zip(*(merged[name] for name in VasarhelyiParams._fields), strict=True)
     return Bounds(lower=lower, upper=upper)
 
 

@@ -8,20 +8,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from controllers.policies.target_tracking import LoiteringParams
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.target_tracking import TargetTrackingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import PointError, ScenarioError
 from moflock_mj.fields import check_keys
 
 _PAPER_POINTS = {
     # The original model's optimum at 6 m/s (Vasarhelyi et al. 2018), X_a in the paper; outside the paper's bounds.
-    "model_optimum": FlockingParams(41.1, 0.07, 88.5, 9.94, 5.32, 0.93, 0.05, 0.5, 19.7, 3.54, 5.44, 1.0),
+    "model_optimum": VasarhelyiParams(41.1, 0.07, 88.5, 9.94, 5.32, 0.93, 0.05, 0.5, 19.7, 3.54, 5.44, 1.0),
     # The two ends of the paper's front, with the digits that its authors published (the printed B has misprints).
-    "A": FlockingParams(
+    "A": VasarhelyiParams(
         33.6971443, 0.023683433, 59.2608031, 5.38039876, 4.62063792, 1.7334826,
         0.0352457821, -2.45024732, 12.9383823, 4.84342556, 4.83207547, 0.55557394,
     ),
-    "B": FlockingParams(
+    "B": VasarhelyiParams(
         33.4531599, 0.0284441546, 58.9520177, 8.2233046, 2.67682789, 0.300404844,
         0.184166142, -0.21348317, 12.9389626, 2.57143904, 1.30148574, 0.431371072,
     ),
@@ -45,7 +45,7 @@ def point_names() -> tuple[str, ...]:
     return (*_OWN_POINTS, *_PAPER_POINTS)
 
 
-def named_point(name: str) -> FlockingParams:
+def named_point(name: str) -> VasarhelyiParams:
     """A point of the paper's, or one of our own: "fast", "knee", "cohesive" or "steady".
 
     Raises:
@@ -58,7 +58,7 @@ def named_point(name: str) -> FlockingParams:
     return _PAPER_POINTS[name]
 
 
-def paper_point(name: str) -> FlockingParams:
+def paper_point(name: str) -> VasarhelyiParams:
     """One of the paper's points: "A", "B" or "model_optimum".
 
     Raises:
@@ -69,19 +69,19 @@ def paper_point(name: str) -> FlockingParams:
     return _PAPER_POINTS[name]
 
 
-def check_point(values: Any) -> FlockingParams:
+def check_point(values: Any) -> VasarhelyiParams:
     """The 12 parameters as floats, in the policy's own type.
 
     Args:
-        values: a FlockingParams, or 12 numbers in its order.
+        values: a VasarhelyiParams, or 12 numbers in its order.
 
     Raises:
         PointError: not 12 numbers, one of them not finite, or a braking curve that is none.
     """
     numbers = tuple(values)
-    if len(numbers) != len(FlockingParams._fields):
-        raise PointError(f"point: {len(numbers)} parameters; it must be {len(FlockingParams._fields)}")
-    for name, value in zip(FlockingParams._fields, numbers, strict=True):
+    if len(numbers) != len(VasarhelyiParams._fields):
+        raise PointError(f"point: {len(numbers)} parameters; it must be {len(VasarhelyiParams._fields)}")
+    for name, value in zip(VasarhelyiParams._fields, numbers, strict=True):
         if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
             raise PointError(f"{name}: {value!r} is of the wrong type: it must be a number")
         if not math.isfinite(value):
@@ -90,11 +90,11 @@ def check_point(values: Any) -> FlockingParams:
             raise PointError(f"{name}: {value!r} is out of bounds: it must be at most 1e+06 in size")
         if name in _MUST_BE_POSITIVE and value <= 0:
             raise PointError(f"{name}: {value!r} is out of bounds: it must be over 0")
-    return FlockingParams(*(float(value) for value in numbers))
+    return VasarhelyiParams(*(float(value) for value in numbers))
 
 
-def with_target(params: FlockingParams, target: tuple[float, float], reach: float) -> FlockingParams:
-    """A point's parameters and a target to loiter around, as a flight takes them: `LoiteringParams`.
+def with_target(params: VasarhelyiParams, target: tuple[float, float], reach: float) -> VasarhelyiParams:
+    """A point's parameters and a target to loiter around, as a flight takes them: `TargetTrackingParams`.
 
     A flight asks its parameters for the 12 by their names, and its loop for their type, which chooses the policy.
 
@@ -109,10 +109,10 @@ def with_target(params: FlockingParams, target: tuple[float, float], reach: floa
     for name, value in zip(("target_x", "target_y"), target, strict=True):
         if not abs(value) <= reach:
             raise ScenarioError(f"{name}: {value!r} m is out of bounds: it must be at most {reach:g} m in size")
-    return cast("FlockingParams", LoiteringParams.of(check_point(params), target))
+    return cast("VasarhelyiParams", TargetTrackingParams.of(check_point(params), target))
 
 
-def load_point(name_or_path: str) -> FlockingParams:
+def load_point(name_or_path: str) -> VasarhelyiParams:
     """A named point, or the point of a JSON file: an object of the 12 names, or one with such an object as `params`.
 
     Raises:
@@ -122,12 +122,12 @@ def load_point(name_or_path: str) -> FlockingParams:
     return _read_point(path) if path.suffix == ".json" else named_point(name_or_path)
 
 
-def dump_point(params: FlockingParams) -> str:
+def dump_point(params: VasarhelyiParams) -> str:
     """The point as JSON, as `load_point` reads it."""
     return json.dumps({"params": params._asdict()}, indent=1) + "\n"
 
 
-def _read_point(path: Path) -> FlockingParams:
+def _read_point(path: Path) -> VasarhelyiParams:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise PointError(f"point {path}: {path.stat().st_size} bytes; it must be at most {_LARGEST_FILE}")
@@ -142,12 +142,12 @@ def _read_point(path: Path) -> FlockingParams:
         raise PointError(f"point {path}: {problem}") from None
 
 
-def _point_of(content: Any) -> FlockingParams:
+def _point_of(content: Any) -> VasarhelyiParams:
     named = content.get("params", content) if isinstance(content, Mapping) else content
     if not isinstance(named, Mapping):
         raise PointError("it must be an object of the 12 parameters' names")
-    check_keys(named, FlockingParams._fields, PointError)
-    missing = [name for name in FlockingParams._fields if name not in named]
+    check_keys(named, VasarhelyiParams._fields, PointError)
+    missing = [name for name in VasarhelyiParams._fields if name not in named]
     if missing:
         raise PointError(f"{missing[0]}: missing")
-    return check_point(named[name] for name in FlockingParams._fields)
+    return check_point(named[name] for name in VasarhelyiParams._fields)

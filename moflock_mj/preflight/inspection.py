@@ -12,26 +12,26 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 
-from moflock_mj.errors import LinkError, OrderError
+from moflock_mj.errors import CommandError, LinkError
 from moflock_mj.ground_station.commands import request_message, set_rates
 from moflock_mj.ground_station.origin import find_origin
-from moflock_mj.ground_station.piloting import STYLES, Task, run_prearm_checks, set_mode, style_of
+from moflock_mj.ground_station.piloting import PROFILES, FlightTask, profile_of, run_prearm_checks, set_mode
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle, mode_name
-from moflock_mj.ground_station.station import Ground, Traffic, vehicles_at
+from moflock_mj.ground_station.station import GroundStation, Traffic, vehicles_at
 from moflock_mj.mavlink.addresses import Connection
 from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight.report import CheckedVehicle
-from moflock_mj.preflight.required_parameters import Needs
-from moflock_mj.preflight.results import FLOCK, Grade, Item, judged
+from moflock_mj.preflight.required_parameters import FlightRequirements
+from moflock_mj.preflight.results import FLOCK, CheckItem, CheckResult, check
 from moflock_mj.preflight.vehicle_checks import about, battery_item, link_items, readiness
 from moflock_mj.preflight.vehicle_settings import (
-    Settings,
+    VehicleSettings,
     layer_height,
-    needs_of,
     put_right,
     read_settings,
+    requirements_of,
     return_altitude,
     settings_items,
 )
@@ -101,13 +101,13 @@ class Inspection:
     """
 
     vehicles: tuple[CheckedVehicle, ...]
-    items: tuple[Item, ...]
+    items: tuple[CheckItem, ...]
     changes: tuple[str, ...]
     link_delay: float
-    batteries: Callable[[float | None], list[Item]]
+    batteries: Callable[[float | None], list[CheckItem]]
 
 
-Told = Callable[[str], None]
+StatusCallback = Callable[[str], None]
 """Told in a few words what is being done."""
 
 
@@ -115,10 +115,10 @@ def checked_vehicle(vehicle: RemoteVehicle) -> CheckedVehicle:
     """Who a vehicle is, for a report."""
     version = vehicle.message("AUTOPILOT_VERSION")
     uid = "" if version is None else (bytes(version.uid2).hex() if any(version.uid2) else f"{version.uid:x}")
-    return CheckedVehicle(system=vehicle.system, autopilot=style_of(vehicle).name, where=vehicle.where, uid=uid)
+    return CheckedVehicle(system=vehicle.system, autopilot=profile_of(vehicle).name, where=vehicle.where, uid=uid)
 
 
-async def inspect(plan: LivePlan, key: SigningKey | None, told: Told = lambda _: None) -> Inspection:
+async def inspect(plan: LivePlan, key: SigningKey | None, told: StatusCallback = lambda _: None) -> Inspection:
     """Look at all vehicles.
 
     Raises:
@@ -127,24 +127,29 @@ async def inspect(plan: LivePlan, key: SigningKey | None, told: Told = lambda _:
     """
     told("listening")
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
-        styles = [style_of(vehicle).name for vehicle in vehicles]
-        for vehicle, style in zip(vehicles, styles, strict=True):
-            if plan.autopilot not in (None, style):
-                raise LinkError(f"{vehicle}: autopilot is {style}; it must be {plan.autopilot}")
-        return await _Inspector(plan, ground, vehicles, styles, told).look()
+        profiles = [profile_of(vehicle).name for vehicle in vehicles]
+        for vehicle, profile in zip(vehicles, profiles, strict=True):
+            if plan.autopilot not in (None, profile):
+                raise LinkError(f"{vehicle}: autopilot is {profile}; it must be {plan.autopilot}")
+        return await _Inspector(plan, ground, vehicles, profiles, told).look()
 
 
 class _Inspector:
     """Goes round the vehicles of one flock."""
 
     def __init__(
-        self, plan: LivePlan, ground: Ground, vehicles: list[RemoteVehicle], styles: list[str], told: Told
+        self,
+        plan: LivePlan,
+        ground: GroundStation,
+        vehicles: list[RemoteVehicle],
+        profiles: list[str],
+        told: StatusCallback,
     ) -> None:
         self._plan = plan
         self._scenario = plan.scenario.replace(drones=len(vehicles))
         self._ground = ground
         self._vehicles = vehicles
-        self._styles = styles
+        self._styles = profiles
         self._told = told
         self._loop = asyncio.get_running_loop()
         self._positions: collections.Counter[int] = collections.Counter()
@@ -159,7 +164,7 @@ class _Inspector:
         await self._until_ready()
         origin = self._origin()
         if origin is None:
-            items = self._readiness(None, Grade.FAILURE)
+            items = self._readiness(None, CheckResult.FAILURE)
             return self._inspection(items, [(None, 0.0)] * len(self._vehicles))
         # A vehicle that still had no position when it was first asked sent none; that is not its link's fault.
         self._positions.clear()
@@ -172,14 +177,16 @@ class _Inspector:
             await asyncio.sleep(watched)
         seconds = self._loop.time() - began
         self._ground.check_ids()
-        items = self._readiness(origin, Grade.FAILURE)
-        for number, (vehicle, style) in enumerate(zip(self._vehicles, self._styles, strict=True)):
+        items = self._readiness(origin, CheckResult.FAILURE)
+        for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._styles, strict=True)):
             items += link_items(vehicle, self._scenario, self._positions[vehicle.system] / seconds)
-            items += settings_items(vehicle, style, self._needs(number, origin), settings[number], self._scenario)
+            items += settings_items(
+                vehicle, profile, self._requirements(number, origin), settings[number], self._scenario
+            )
         items += self._flock(origin, settings)
         return self._inspection(items, [(found.capacity, found.low) for found in settings])
 
-    def _inspection(self, items: list[Item], packs: Sequence[tuple[float | None, float]]) -> Inspection:
+    def _inspection(self, items: list[CheckItem], packs: Sequence[tuple[float | None, float]]) -> Inspection:
         trips = [vehicle.link.round_trip for vehicle in self._vehicles]
         vehicles = self._vehicles
         return Inspection(
@@ -193,21 +200,21 @@ class _Inspector:
             ],
         )
 
-    async def _ask(self, vehicle: RemoteVehicle, style: str) -> None:
+    async def _ask(self, vehicle: RemoteVehicle, profile: str) -> None:
         """A real ArduPilot sends little but HEARTBEAT until it is asked."""
-        rates = RATES | {_ESTIMATOR[style]: 2.0}
+        rates = RATES | {_ESTIMATOR[profile]: 2.0}
         rates[_POSITION_ID] = max(rates[_POSITION_ID], 2 / self._scenario.t_gps)
         await set_rates(vehicle, rates)
         for number in (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_HOME_POSITION):
             await request_message(vehicle, number, tries=2)
-        if self._plan.fix and style == "px4" and not vehicle.armed:
+        if self._plan.fix and profile == "px4" and not vehicle.armed:
             await self._make_armable(vehicle)
         await run_prearm_checks(vehicle)
 
     async def _make_armable(self, vehicle: RemoteVehicle) -> None:
         """Let a PX4 on the ground hold, as a take-off begins: it judges for its present mode whether it would arm."""
-        before, hold = vehicle.mode, STYLES[vehicle.autopilot].modes[Task.HOLD]
-        if before not in STYLES[vehicle.autopilot].taking_off:
+        before, hold = vehicle.mode, PROFILES[vehicle.autopilot].modes[FlightTask.HOLD]
+        if before not in PROFILES[vehicle.autopilot].taking_off:
             await set_mode(vehicle, hold)
             names = (mode_name(vehicle.autopilot, mode) for mode in (before, hold))
             self._changes.append(f"{about(vehicle)}: mode: {' -> '.join(names)}")
@@ -216,7 +223,11 @@ class _Inspector:
         """Wait while anything is RUNNING, at most as long as the plan allows."""
         asked = began = self._loop.time()
         while self._loop.time() < began + self._plan.wait:
-            running = [item for item in self._readiness(self._origin(), Grade.RUNNING) if item.grade is Grade.RUNNING]
+            running = [
+                item
+                for item in self._readiness(self._origin(), CheckResult.RUNNING)
+                if item.result is CheckResult.RUNNING
+            ]
             if not running:
                 return
             who = {item.about for item in running}
@@ -230,23 +241,25 @@ class _Inspector:
         await request_message(vehicle, mavlink.MAVLINK_MSG_ID_HOME_POSITION, tries=1)
         await run_prearm_checks(vehicle)
 
-    def _readiness(self, origin: Origin | None, running: Grade) -> list[Item]:
+    def _readiness(self, origin: Origin | None, running: CheckResult) -> list[CheckItem]:
         """The vehicles' items; what still runs gets the grade `running`."""
         items = [
             item
-            for vehicle, style in zip(self._vehicles, self._styles, strict=True)
-            for item in readiness(vehicle, style, origin, self._scenario)
+            for vehicle, profile in zip(self._vehicles, self._styles, strict=True)
+            for item in readiness(vehicle, profile, origin, self._scenario)
         ]
-        return [item.model_copy(update={"grade": running}) if item.grade is Grade.RUNNING else item for item in items]
+        return [
+            item.model_copy(update={"grade": running}) if item.result is CheckResult.RUNNING else item for item in items
+        ]
 
     def _origin(self) -> Origin | None:
         known = all(vehicle.home() is not None for vehicle in self._vehicles)
         return find_origin(self._vehicles, self._plan.origin) if known else None
 
-    def _needs(self, number: int, origin: Origin) -> Needs:
-        return needs_of(self._vehicles[number], number, len(self._vehicles), origin, self._scenario)
+    def _requirements(self, number: int, origin: Origin) -> FlightRequirements:
+        return requirements_of(self._vehicles[number], number, len(self._vehicles), origin, self._scenario)
 
-    async def _settle(self, origin: Origin) -> list[Settings]:
+    async def _settle(self, origin: Origin) -> list[VehicleSettings]:
         """Settings of all, after they were put right if that is wished."""
         found = await self._read(origin)
         if not self._plan.fix:
@@ -254,25 +267,25 @@ class _Inspector:
         self._told("putting parameters and fences right")
         flying = [vehicle for vehicle in self._vehicles if vehicle.armed or vehicle.landed is False]
         if flying:
-            raise OrderError(f"fix: {flying[0]} is armed or flies: nothing was changed on any vehicle")
+            raise CommandError(f"fix: {flying[0]} is armed or flies: nothing was changed on any vehicle")
         changes = await asyncio.gather(
             *(
-                put_right(vehicle, style, self._needs(number, origin), found[number], origin, self._scenario)
-                for number, (vehicle, style) in enumerate(zip(self._vehicles, self._styles, strict=True))
+                put_right(vehicle, profile, self._requirements(number, origin), found[number], origin, self._scenario)
+                for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._styles, strict=True))
             )
         )
         self._changes += itertools.chain.from_iterable(changes)
         return await self._read(origin)
 
-    async def _read(self, origin: Origin) -> list[Settings]:
+    async def _read(self, origin: Origin) -> list[VehicleSettings]:
         return await asyncio.gather(
             *(
-                read_settings(vehicle, style, self._needs(number, origin), origin)
-                for number, (vehicle, style) in enumerate(zip(self._vehicles, self._styles, strict=True))
+                read_settings(vehicle, profile, self._requirements(number, origin), origin)
+                for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._styles, strict=True))
             )
         )
 
-    def _flock(self, origin: Origin, settings: Sequence[Settings]) -> list[Item]:
+    def _flock(self, origin: Origin, settings: Sequence[VehicleSettings]) -> list[CheckItem]:
         """What only the whole flock shows."""
         places = {vehicle.system: place for vehicle in self._vehicles if (place := vehicle.position(origin))}
         half, least = self._scenario.arena_side / 2, self._plan.separation
@@ -283,11 +296,11 @@ class _Inspector:
         nearest, who = min(pairs, default=(math.inf, ""))
         out = max(max(abs(x), abs(y)) for x, y, _ in places.values()) if places else math.inf
         items = [
-            judged(
+            check(
                 "spacing on the ground", FLOCK, good=nearest >= least, value=float(nearest), unit="m",
                 limit=f"at least {least:g} m", advice=f"move {who} apart",
             ),
-            judged(
+            check(
                 "all in the arena", FLOCK, good=out <= half, value=float(out), unit="m",
                 limit=f"at most {half:g} m east, west, north and south of its middle",
                 advice="move the vehicles, or the arena with --origin",
@@ -295,7 +308,7 @@ class _Inspector:
         ]  # fmt: skip
         return [*items, *self._layers(settings), *self._one_clock()]
 
-    def _layers(self, settings: Sequence[Settings]) -> list[Item]:
+    def _layers(self, settings: Sequence[VehicleSettings]) -> list[CheckItem]:
         if len(self._vehicles) < 2:
             return []
         heights = [return_altitude(found) for found in settings]
@@ -303,31 +316,31 @@ class _Inspector:
         gap = min((b - a for a, b in itertools.pairwise(told)), default=math.inf)
         least = 0.9 * layer_height(len(self._vehicles))
         return [
-            judged(
+            check(
                 "return altitudes staggered", FLOCK, good=len(told) == len(heights) and gap >= least, value=float(gap),
                 unit="m", limit=f"at least {least:.2g} m apart",
                 advice="vehicles that return cross each other's way at one height: run preflight with --fix",
             )
         ]  # fmt: skip
 
-    def _one_clock(self) -> list[Item]:
+    def _one_clock(self) -> list[CheckItem]:
         offsets = list(self._clocks.values())
         if len(self._vehicles) < 2:
             return []
         if len(offsets) < len(self._vehicles):
             return [
-                Item(
-                    name="one clock", about=FLOCK, grade=Grade.WARNING, limit="SYSTEM_TIME of all",
+                CheckItem(
+                    name="one clock", about=FLOCK, result=CheckResult.WARNING, limit="SYSTEM_TIME of all",
                     value=f"{len(offsets)} of {len(self._vehicles)} tell the time",
                     advice="logs of the vehicles will not line up: let their GPS settle",
                 )
             ]  # fmt: skip
         spread = max(offsets) - min(offsets)
         return [
-            judged(
+            check(
                 "one clock", FLOCK, good=spread <= _CLOCKS, value=spread, unit="s", limit=f"within {_CLOCKS:g} s",
                 advice="one has another time than the others: switch it off and on under a free sky",
-                otherwise=Grade.WARNING,
+                otherwise=CheckResult.WARNING,
             )
         ]  # fmt: skip
 

@@ -8,16 +8,16 @@ from controllers.airframe import Airframe
 from controllers.flight_control.gain_design import (
     GAIN_MARGIN_MIN,
     PHASE_MARGIN_MIN,
-    TuningError,
+    GainDesignError,
     design_gains,
-    largest_push,
+    maximum_horizontal_force,
 )
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.effects.feasibility import check_air
 from moflock_mj.errors import MoflockError
 from moflock_mj.parameters.bounds import paper_bounds
-from moflock_mj.preflight.results import FLOCK, POINT, Grade, Item, judged
+from moflock_mj.preflight.results import FLOCK, POINT, CheckItem, CheckResult, check
 from moflock_mj.scenario.scenario import Scenario
 
 _SEARCH_ANOTHER = "choose another point: moflock pick, moflock validate"
@@ -25,7 +25,7 @@ _FULL = 0.5
 """Share of the arena that a flock at the distances of its repulsion may take."""
 
 
-def offline_items(params: FlockingParams, scenario: Scenario, *, link_delay: float = 0.0) -> list[Item]:
+def offline_items(params: VasarhelyiParams, scenario: Scenario, *, link_delay: float = 0.0) -> list[CheckItem]:
     """All checks of a point in a scenario.
 
     Args:
@@ -45,31 +45,31 @@ def offline_items(params: FlockingParams, scenario: Scenario, *, link_delay: flo
     ]
 
 
-def _bounds(params: FlockingParams) -> list[Item]:
+def _bounds(params: VasarhelyiParams) -> list[CheckItem]:
     """Each parameter within the paper's bounds; beyond them by more than their width is no point of this policy."""
     bounds, items = paper_bounds(), []
-    for name, value, low, high in zip(FlockingParams._fields, params, bounds.lower, bounds.upper, strict=True):
+    for name, value, low, high in zip(VasarhelyiParams._fields, params, bounds.lower, bounds.upper, strict=True):
         beyond = max(low - value, value - high, 0.0)
         items.append(
-            judged(
+            check(
                 f"bounds of {name}",
                 POINT,
                 good=beyond == 0,
                 value=value,
                 limit=f"{low:g} to {high:g}",
                 advice=f"beyond what was ever searched: {_SEARCH_ANOTHER}",
-                otherwise=Grade.WARNING if beyond <= high - low else Grade.FAILURE,
+                otherwise=CheckResult.WARNING if beyond <= high - low else CheckResult.FAILURE,
             )
         )
     return items
 
 
-def _ranges(params: FlockingParams, scenario: Scenario) -> list[Item]:
+def _ranges(params: VasarhelyiParams, scenario: Scenario) -> list[CheckItem]:
     """Ranges that must be in order for the terms of the policy to follow each other."""
     reaction = scenario.t_del + scenario.t_gps + scenario.tau
     closing = 2 * scenario.v_max * reaction
     return [
-        judged(
+        check(
             "alignment begins outside repulsion",
             POINT,
             good=params.r0_frict >= params.r0_rep,
@@ -78,7 +78,7 @@ def _ranges(params: FlockingParams, scenario: Scenario) -> list[Item]:
             unit="m",
             advice=f"drones would be pushed apart before they match speeds: {_SEARCH_ANOTHER}",
         ),
-        judged(
+        check(
             "repulsion within earshot",
             POINT,
             good=params.r0_rep <= scenario.r_comm,
@@ -87,7 +87,7 @@ def _ranges(params: FlockingParams, scenario: Scenario) -> list[Item]:
             unit="m",
             advice="drones cannot keep off what they do not hear: use radios of longer range, or another point",
         ),
-        judged(
+        check(
             "alignment within earshot",
             POINT,
             good=params.r0_frict <= scenario.r_comm,
@@ -95,9 +95,9 @@ def _ranges(params: FlockingParams, scenario: Scenario) -> list[Item]:
             limit=f"r0_frict at most r_comm, {scenario.r_comm:g} m",
             unit="m",
             advice="drones match speeds with nobody that far away: the point was found for longer ranges",
-            otherwise=Grade.WARNING,
+            otherwise=CheckResult.WARNING,
         ),
-        judged(
+        check(
             "way until drones react to each other",
             FLOCK,
             good=closing <= params.r0_rep,
@@ -110,11 +110,11 @@ def _ranges(params: FlockingParams, scenario: Scenario) -> list[Item]:
     ]
 
 
-def _braking(params: FlockingParams, scenario: Scenario, airframe: Airframe) -> list[Item]:
+def _braking(params: VasarhelyiParams, scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
     """Braking curves against what a body can do."""
-    hardest = min(scenario.a_max, largest_push(airframe, scenario.tilt_max))
+    hardest = min(scenario.a_max, maximum_horizontal_force(airframe, scenario.tilt_max))
     return [
-        judged(
+        check(
             "braking at walls",
             POINT,
             good=params.a_shill <= hardest,
@@ -123,7 +123,7 @@ def _braking(params: FlockingParams, scenario: Scenario, airframe: Airframe) -> 
             unit="m/s^2",
             advice=f"it would run through the wall: {_SEARCH_ANOTHER}, or use a stronger airframe",
         ),
-        judged(
+        check(
             "braking among drones",
             POINT,
             good=params.a_frict <= 2 * hardest,
@@ -132,7 +132,7 @@ def _braking(params: FlockingParams, scenario: Scenario, airframe: Airframe) -> 
             unit="m/s^2",
             advice=f"two drones that meet could not brake as they expect: {_SEARCH_ANOTHER}",
         ),
-        judged(
+        check(
             "walls turn the flock",
             POINT,
             good=params.v_shill > scenario.v_flock,
@@ -144,14 +144,14 @@ def _braking(params: FlockingParams, scenario: Scenario, airframe: Airframe) -> 
     ]
 
 
-def _room(params: FlockingParams, scenario: Scenario) -> list[Item]:
+def _room(params: VasarhelyiParams, scenario: Scenario) -> list[CheckItem]:
     """Whether the flock has room to stop and to be."""
     hardest = min(scenario.a_max, params.a_shill)
     stopping = scenario.v_max * (scenario.tau + scenario.t_gps) + scenario.v_max**2 / (2 * hardest)
     # Hexagonal packing gives each drone an area of sqrt(3)/2 times its distance squared.
     taken = scenario.drones * math.sqrt(3) / 2 * params.r0_rep**2 / scenario.arena_side**2
     return [
-        judged(
+        check(
             "stopping distance",
             FLOCK,
             good=stopping <= scenario.arena_side / 4,
@@ -160,7 +160,7 @@ def _room(params: FlockingParams, scenario: Scenario) -> list[Item]:
             unit="m",
             advice="lower v_max and v_flock, or take a larger arena",
         ),
-        judged(
+        check(
             "room in the arena",
             FLOCK,
             good=taken <= _FULL,
@@ -168,9 +168,9 @@ def _room(params: FlockingParams, scenario: Scenario) -> list[Item]:
             limit=f"drones r0_rep apart take at most {100 * _FULL:g} % of the arena",
             unit="%",
             advice="fly fewer drones or take a larger arena: there is no room to flock in",
-            otherwise=Grade.WARNING if taken <= 1 else Grade.FAILURE,
+            otherwise=CheckResult.WARNING if taken <= 1 else CheckResult.FAILURE,
         ),
-        judged(
+        check(
             "speeds",
             FLOCK,
             good=scenario.v_flock <= scenario.v_max,
@@ -182,30 +182,30 @@ def _room(params: FlockingParams, scenario: Scenario) -> list[Item]:
     ]
 
 
-def _strength(scenario: Scenario, airframe: Airframe) -> Item:
+def _strength(scenario: Scenario, airframe: Airframe) -> CheckItem:
     """Whether the airframe holds wind, drag and its battery."""
     try:
         check_air(scenario, airframe)
     except MoflockError as problem:
-        return Item(
+        return CheckItem(
             name="strength in this air",
             about=FLOCK,
-            grade=Grade.FAILURE,
+            result=CheckResult.FAILURE,
             value=str(problem),
             advice="wait for less wind, charge, or use a stronger airframe",
         )
-    push = largest_push(airframe, scenario.tilt_max)
-    return Item(
+    push = maximum_horizontal_force(airframe, scenario.tilt_max)
+    return CheckItem(
         name="strength in this air",
         about=FLOCK,
-        grade=Grade.PASS,
+        result=CheckResult.PASS,
         value=push,
         unit="m/s^2",
         limit="wind, drag and weight",
     )
 
 
-def _loops(scenario: Scenario, airframe: Airframe) -> list[Item]:
+def _loops(scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
     """Margins of the airframe's own loops."""
     try:
         design = design_gains(
@@ -215,13 +215,13 @@ def _loops(scenario: Scenario, airframe: Airframe) -> list[Item]:
             a_max=scenario.a_max,
             tilt_max=scenario.tilt_max,
         )
-    except TuningError as problem:
+    except GainDesignError as problem:
         text = str(problem)
         return [
-            Item(
+            CheckItem(
                 name="loops",
                 about=FLOCK,
-                grade=Grade.FAILURE,
+                result=CheckResult.FAILURE,
                 value=text,
                 advice="use a stronger airframe, or lower a_max",
             )
@@ -234,7 +234,7 @@ def _loops(scenario: Scenario, airframe: Airframe) -> list[Item]:
     ]
 
 
-def _spacing_loop(params: FlockingParams, scenario: Scenario, link_delay: float) -> list[Item]:
+def _spacing_loop(params: VasarhelyiParams, scenario: Scenario, link_delay: float) -> list[CheckItem]:
     """Margins of the loop that keeps two drones apart, through the links.
 
     Both move by p_rep (m/s for each m of distance), with the velocity response of the airframe, 1 / (1 + tau s), on
@@ -256,8 +256,8 @@ def _spacing_loop(params: FlockingParams, scenario: Scenario, link_delay: float)
     ]
 
 
-def _margin(name: str, value: float, least: float, unit: str) -> Item:
-    return judged(
+def _margin(name: str, value: float, least: float, unit: str) -> CheckItem:
+    return check(
         name,
         FLOCK,
         good=value >= least,

@@ -20,12 +20,12 @@ from typing import Annotated
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import CheckFailedError, MoflockError, PointError, ReportError
 from moflock_mj.files import new_file
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.parameters.points import check_point
-from moflock_mj.preflight.results import Grade, Item
+from moflock_mj.preflight.results import CheckItem, CheckResult
 from moflock_mj.scenario.scenario import Scenario
 
 AGE_MAX = 3600.0
@@ -83,28 +83,28 @@ class Report(BaseModel):
     scenario: dict[str, object]
     seeds: tuple[int, ...]
     vehicles: tuple[CheckedVehicle, ...]
-    items: tuple[Item, ...]
+    items: tuple[CheckItem, ...]
     changes: tuple[str, ...] = ()
 
     @field_validator("point")
     @classmethod
     def _is_a_point(cls, point: dict[str, float]) -> dict[str, float]:
-        if set(point) != set(FlockingParams._fields):
+        if set(point) != set(VasarhelyiParams._fields):
             raise ValueError("it must have the 12 parameters")
         try:
-            check_point([point[name] for name in FlockingParams._fields])
+            check_point([point[name] for name in VasarhelyiParams._fields])
         except PointError as problem:
             raise ValueError(str(problem)) from None
         return point
 
     @property
-    def verdict(self) -> Grade:
+    def verdict(self) -> CheckResult:
         """The worst of all items."""
-        return Grade.worst(item.grade for item in self.items)
+        return CheckResult.worst(item.result for item in self.items)
 
-    def params(self) -> FlockingParams:
+    def params(self) -> VasarhelyiParams:
         """The point."""
-        return FlockingParams(**self.point)
+        return VasarhelyiParams(**self.point)
 
 
 def write_report(report: Report, path: Path, key: SigningKey | None = None) -> None:
@@ -145,8 +145,8 @@ def read_report(path: Path, key: SigningKey | None = None) -> Report:
     except (ValueError, RecursionError) as problem:
         raise ReportError(f"report {path}: not JSON: {problem}") from None
     if keyed is not (key is not None):
-        has, needs = ("a", "none was given") if keyed else ("no", "it must be sealed with the links' key")
-        raise ReportError(f"report {path}: it is sealed with {has} key: {needs}")
+        has, requirements = ("a", "none was given") if keyed else ("no", "it must be sealed with the links' key")
+        raise ReportError(f"report {path}: it is sealed with {has} key: {requirements}")
     if not isinstance(seal, str) or not hmac.compare_digest(ascii(seal), ascii(_seal(content, key))):
         raise ReportError(f"report {path}: its seal is broken: it was edited, or sealed with another key")
     if verdict != report.verdict:
@@ -157,7 +157,7 @@ def read_report(path: Path, key: SigningKey | None = None) -> Report:
 def refuse_unless_fit(
     report: Report,
     *,
-    params: FlockingParams,
+    params: VasarhelyiParams,
     scenario: Scenario,
     vehicles: Sequence[CheckedVehicle],
     now: datetime.datetime,
@@ -178,7 +178,7 @@ def refuse_unless_fit(
         CheckFailedError: it is of this deployment, and something failed.
     """
     if report.params() != params:
-        name = next(name for name in FlockingParams._fields if report.point[name] != getattr(params, name))
+        name = next(name for name in VasarhelyiParams._fields if report.point[name] != getattr(params, name))
         raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {getattr(params, name):g}")
     _refuse_other_scenario(report, scenario)
     if not report.vehicles:
@@ -233,7 +233,7 @@ def _text_of(path: Path) -> str:
 def _refuse_failed(report: Report) -> None:
     if not report.items:
         raise ReportError("report: nothing was checked")
-    failed = [item for item in report.items if not item.grade.is_good]
+    failed = [item for item in report.items if not item.result.is_good]
     if failed:
         first = failed[0]
         more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""

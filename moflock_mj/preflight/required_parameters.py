@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from moflock_mj.mavlink.dialect import GROUND_SYSTEM
-from moflock_mj.preflight.results import Grade
+from moflock_mj.preflight.results import CheckResult
 
 _G = 9.81
 _JERK = 20.0
@@ -23,7 +23,7 @@ _DRIFT = 10.0
 """m, by which a fence about the home is set wider than it must be: an autopilot's home moves with its GPS's error."""
 
 
-class Needs(NamedTuple):
+class FlightRequirements(NamedTuple):
     """What the flight asks of one vehicle.
 
     Attributes:
@@ -41,7 +41,7 @@ class Needs(NamedTuple):
     return_altitude: float
 
 
-class Wanted(NamedTuple):
+class RequiredParameter(NamedTuple):
     """What is wanted of a parameter.
 
     Attributes:
@@ -59,49 +59,53 @@ class Wanted(NamedTuple):
     value: float
     limit: str
     why: str
-    otherwise: Grade = Grade.FAILURE
-    missing: Grade = Grade.WARNING
+    otherwise: CheckResult = CheckResult.FAILURE
+    missing: CheckResult = CheckResult.WARNING
 
 
-Spellings = tuple[Wanted, ...]
+Spellings = tuple[RequiredParameter, ...]
 """One parameter in the names and units of several firmwares: it goes by the first that the vehicle knows."""
 
 
-def wanted_parameters(autopilot: str, needs: Needs) -> list[Spellings]:
+def required_parameters(autopilot: str, requirements: FlightRequirements) -> list[Spellings]:
     """Of "ardupilot" or "px4", in the order in which they are set: a fence is switched on when it is right."""
-    return {"ardupilot": _of_ardupilot, "px4": _of_px4}[autopilot](needs)
+    return {"ardupilot": _of_ardupilot, "px4": _of_px4}[autopilot](requirements)
 
 
-def _of_ardupilot(needs: Needs) -> list[Spellings]:
-    tilt = math.ceil(math.degrees(math.atan(needs.acceleration / _G)) + 5)
+def _of_ardupilot(requirements: FlightRequirements) -> list[Spellings]:
+    tilt = math.ceil(math.degrees(math.atan(requirements.acceleration / _G)) + 5)
     slow, gentle = "it cannot fly as fast as the flock", "it turns more slowly than what was validated"
-    upright, deaf = "it cannot accelerate as what was validated", "its failsafe heeds somebody else"
+    upright, cannot_receive = "it cannot accelerate as what was validated", "its failsafe heeds somebody else"
     return [
         (
-            _at_least("WP_SPD", needs.speed, "m/s", slow),
-            _at_least("WPNAV_SPEED", needs.speed * 100, "cm/s", slow),
+            _at_least("WP_SPD", requirements.speed, "m/s", slow),
+            _at_least("WPNAV_SPEED", requirements.speed * 100, "cm/s", slow),
         ),
         (
-            _at_least("WP_ACC", needs.acceleration, "m/s^2", gentle),
-            _at_least("WPNAV_ACCEL", needs.acceleration * 100, "cm/s^2", gentle),
+            _at_least("WP_ACC", requirements.acceleration, "m/s^2", gentle),
+            _at_least("WPNAV_ACCEL", requirements.acceleration * 100, "cm/s^2", gentle),
         ),
         (
             _at_least("ATC_ANGLE_MAX", tilt, "deg", upright),
             _at_least("ANGLE_MAX", tilt * 100, "cdeg", upright),
         ),
         (
-            _one_of("MAV_GCS_SYSID", (GROUND_SYSTEM,), "our system id", deaf),
-            _one_of("SYSID_MYGCS", (GROUND_SYSTEM,), "our system id", deaf),
+            _one_of("MAV_GCS_SYSID", (GROUND_SYSTEM,), "our system id", cannot_receive),
+            _one_of("SYSID_MYGCS", (GROUND_SYSTEM,), "our system id", cannot_receive),
         ),
         (_one_of("FS_GCS_ENABLE", (5, 7, 1), "5 land, 7 brake or land, 1 return", "it flies on without us"),),
         (_between("FS_GCS_TIMEOUT", 2, 10, 5, "s", "it notices too late that we are gone"),),
         (_between("GUID_TIMEOUT", 0.5, 3, 3, "s", "it flies on for long on its last setpoint"),),
-        (_one_of("BATT_FS_LOW_ACT", (1, 2, 3, 4), "1 land, 2 to 4 return", "it flies until it falls", Grade.WARNING),),
-        (_at_least("FENCE_ALT_MAX", needs.top, "m", "its fence ends below its way"),),
-        (_at_least("FENCE_RADIUS", needs.radius, "m", "its fence ends within the arena", _DRIFT),),
+        (
+            _one_of(
+                "BATT_FS_LOW_ACT", (1, 2, 3, 4), "1 land, 2 to 4 return", "it flies until it falls", CheckResult.WARNING
+            ),
+        ),
+        (_at_least("FENCE_ALT_MAX", requirements.top, "m", "its fence ends below its way"),),
+        (_at_least("FENCE_RADIUS", requirements.radius, "m", "its fence ends within the arena", _DRIFT),),
         (_one_of("FENCE_ACTION", (1, 2, 3, 4, 5), "1 to 5, anything but a report", "it flies through its fence"),),
         (
-            Wanted(
+            RequiredParameter(
                 "FENCE_TYPE",
                 lambda value: bool(int(value) & 1 and int(value) & 6),
                 7,
@@ -109,31 +113,42 @@ def _of_ardupilot(needs: Needs) -> list[Spellings]:
                 "its fence is open",
             ),
         ),
-        (_one_of("FENCE_ENABLE", (1,), "1", "it has no fence", missing=Grade.FAILURE),),
-        (_near("RTL_ALT_M", needs.return_altitude, "m"), _near("RTL_ALT", needs.return_altitude * 100, "cm")),
+        (_one_of("FENCE_ENABLE", (1,), "1", "it has no fence", missing=CheckResult.FAILURE),),
+        (
+            _near("RTL_ALT_M", requirements.return_altitude, "m"),
+            _near("RTL_ALT", requirements.return_altitude * 100, "cm"),
+        ),
     ]
 
 
-def _of_px4(needs: Needs) -> list[Spellings]:
-    tilt = math.degrees(math.atan(needs.acceleration / _G))
+def _of_px4(requirements: FlightRequirements) -> list[Spellings]:
+    tilt = math.degrees(math.atan(requirements.acceleration / _G))
     wanted = [
-        _at_least("MPC_XY_VEL_MAX", needs.speed, "m/s", "it cannot fly as fast as the flock"),
+        _at_least("MPC_XY_VEL_MAX", requirements.speed, "m/s", "it cannot fly as fast as the flock"),
         # PX4 refuses an MPC_ACC_HOR above MPC_ACC_HOR_MAX.
-        _at_least("MPC_ACC_HOR_MAX", needs.acceleration, "m/s^2", "it turns more slowly than what was validated"),
-        _at_least("MPC_ACC_HOR", needs.acceleration, "m/s^2", "it turns more slowly than what was validated"),
+        _at_least(
+            "MPC_ACC_HOR_MAX", requirements.acceleration, "m/s^2", "it turns more slowly than what was validated"
+        ),
+        _at_least("MPC_ACC_HOR", requirements.acceleration, "m/s^2", "it turns more slowly than what was validated"),
         _at_least("MPC_JERK_AUTO", _JERK, "m/s^3", "told to hold, it first flies on, faster and far"),
         _at_least("MPC_TILTMAX_AIR", math.ceil(tilt + 5), "deg", "it cannot accelerate as what was validated"),
         _one_of("NAV_DLL_ACT", (3, 1, 2), "3 land, 1 hold, 2 return", "it flies on without us"),
         _between("COM_DL_LOSS_T", 2, 15, 10, "s", "it notices too late that we are gone"),
         _one_of("COM_OBL_RC_ACT", (5, 4), "5 hold, 4 land", "the flock returns to one place when setpoints stop"),
         _between("COM_OF_LOSS_T", 0.3, 2, 1, "s", "it flies on for long on its last setpoint"),
-        _one_of("COM_LOW_BAT_ACT", (2, 3), "2 land, 3 return or land", "it flies until it falls", Grade.WARNING),
-        _at_least("GF_MAX_VER_DIST", needs.top, "m", "its fence has no roof, or ends below its way"),
-        _at_least("GF_MAX_HOR_DIST", needs.radius, "m", "it has no fence, or one that ends within the arena", _DRIFT),
-        _one_of(
-            "GF_ACTION", (2, 3, 5), "2 hold, 3 return, 5 land", "it flies through its fence", missing=Grade.FAILURE
+        _one_of("COM_LOW_BAT_ACT", (2, 3), "2 land, 3 return or land", "it flies until it falls", CheckResult.WARNING),
+        _at_least("GF_MAX_VER_DIST", requirements.top, "m", "its fence has no roof, or ends below its way"),
+        _at_least(
+            "GF_MAX_HOR_DIST", requirements.radius, "m", "it has no fence, or one that ends within the arena", _DRIFT
         ),
-        _near("RTL_RETURN_ALT", needs.return_altitude, "m"),
+        _one_of(
+            "GF_ACTION",
+            (2, 3, 5),
+            "2 hold, 3 return, 5 land",
+            "it flies through its fence",
+            missing=CheckResult.FAILURE,
+        ),
+        _near("RTL_RETURN_ALT", requirements.return_altitude, "m"),
     ]
     return [(want,) for want in wanted]
 
@@ -142,13 +157,13 @@ RETURN_ALTITUDE: Mapping[str, float] = {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01, "RTL_
 """m in the unit of each name that it has."""
 
 
-def _at_least(name: str, least: float, unit: str, why: str, spare: float = 0.0) -> Wanted:
+def _at_least(name: str, least: float, unit: str, why: str, spare: float = 0.0) -> RequiredParameter:
     value = float(math.ceil(least + spare))
-    return Wanted(name, lambda held: held >= least - 1e-6, value, f"at least {least:g} {unit}", why)
+    return RequiredParameter(name, lambda held: held >= least - 1e-6, value, f"at least {least:g} {unit}", why)
 
 
-def _between(name: str, low: float, high: float, value: float, unit: str, why: str) -> Wanted:
-    return Wanted(name, lambda held: low <= held <= high, value, f"{low:g} to {high:g} {unit}", why)
+def _between(name: str, low: float, high: float, value: float, unit: str, why: str) -> RequiredParameter:
+    return RequiredParameter(name, lambda held: low <= held <= high, value, f"{low:g} to {high:g} {unit}", why)
 
 
 def _one_of(
@@ -156,12 +171,12 @@ def _one_of(
     good: tuple[int, ...],
     limit: str,
     why: str,
-    otherwise: Grade = Grade.FAILURE,
-    missing: Grade = Grade.WARNING,
-) -> Wanted:
-    return Wanted(name, lambda value: value in good, good[0], limit, why, otherwise, missing)
+    otherwise: CheckResult = CheckResult.FAILURE,
+    missing: CheckResult = CheckResult.WARNING,
+) -> RequiredParameter:
+    return RequiredParameter(name, lambda value: value in good, good[0], limit, why, otherwise, missing)
 
 
-def _near(name: str, value: float, unit: str) -> Wanted:
+def _near(name: str, value: float, unit: str) -> RequiredParameter:
     """A return altitude; whether all differ is a matter of the flock, and this is what makes them differ."""
-    return Wanted(name, lambda _: True, value, f"{value:g} {unit} would stagger the flock", "")
+    return RequiredParameter(name, lambda _: True, value, f"{value:g} {unit} would stagger the flock", "")

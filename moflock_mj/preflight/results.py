@@ -11,7 +11,7 @@ POINT, FLOCK = "point", "flock"
 """What an item can be about besides a vehicle."""
 
 
-class Grade(enum.StrEnum):
+class CheckResult(enum.StrEnum):
     """From the best to the worst.
 
     A soft failure may mend itself, such as a satellite too few; a failure wants somebody to do something; an error is a
@@ -29,22 +29,22 @@ class Grade(enum.StrEnum):
     @property
     def is_good(self) -> bool:
         """Whether one may fly with it."""
-        return self in (Grade.OFF, Grade.PASS, Grade.WARNING)
+        return self in (CheckResult.OFF, CheckResult.PASS, CheckResult.WARNING)
 
     @classmethod
-    def worst(cls, grades: Iterable[Grade]) -> Grade:
+    def worst(cls, grades: Iterable[CheckResult]) -> CheckResult:
         """Of all, that of the whole; OFF if there are none."""
         order = list(cls)
         return max(grades, key=order.index, default=cls.OFF)
 
 
-class Item(BaseModel):
+class CheckItem(BaseModel):
     """One check.
 
     Attributes:
         name: of what was checked.
         about: the point, the flock, or the vehicle: "point", "flock", "vehicle 3".
-        grade: of it.
+        result: of it.
         value: what was measured, or None.
         limit: what it must be, in words with units.
         unit: of the value.
@@ -55,14 +55,14 @@ class Item(BaseModel):
 
     name: str
     about: str
-    grade: Grade
+    result: CheckResult
     value: float | str | None = None
     limit: str = ""
     unit: str = ""
     advice: str = ""
 
 
-def judged(
+def check(
     name: str,
     about: str,
     *,
@@ -71,13 +71,13 @@ def judged(
     limit: str,
     unit: str = "",
     advice: str,
-    otherwise: Grade = Grade.FAILURE,
-) -> Item:
+    otherwise: CheckResult = CheckResult.FAILURE,
+) -> CheckItem:
     """An item that passes, or is graded `otherwise` with advice."""
-    return Item(
+    return CheckItem(
         name=name,
         about=about,
-        grade=Grade.PASS if good else otherwise,
+        result=CheckResult.PASS if good else otherwise,
         value=value if not isinstance(value, float) or abs(value) < float("inf") else None,
         limit=limit,
         unit=unit,

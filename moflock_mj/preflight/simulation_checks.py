@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.flight import fly
-from moflock_mj.preflight.results import FLOCK, Grade, Item, judged
+from moflock_mj.preflight.results import FLOCK, CheckItem, CheckResult, check
 from moflock_mj.scenario.faults import KINDS
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.results import Flight
@@ -22,7 +22,7 @@ FLIGHTS = 10
 
 
 def fly_trials(
-    params: FlockingParams,
+    params: VasarhelyiParams,
     scenario: Scenario,
     seeds: Sequence[int],
     *,
@@ -64,8 +64,8 @@ def fly_trials(
             pool.shutdown(cancel_futures=True)
 
 
-def trial_items(flights: Sequence[Flight], scenario: Scenario) -> list[Item]:
-    """What the flights say, the worst of them against the scenario's limits; see `VerdictLimits`."""
+def trial_items(flights: Sequence[Flight], scenario: Scenario) -> list[CheckItem]:
+    """What the flights say, the worst of them against the scenario's limits; see `AcceptanceLimits`."""
     limits, airframe = scenario.verdict, load_airframe(scenario.airframe)
     bodies = [flight.body for flight in flights if flight.body]
     # Who falls by a scheduled fault is not held against the point.
@@ -81,21 +81,21 @@ def trial_items(flights: Sequence[Flight], scenario: Scenario) -> list[Item]:
         "outside the arena": (max(flight.motion.outside_max for flight in flights), limits.outside, "m"),
     }
     return [
-        judged(
+        check(
             "drones lost in simulation", FLOCK, good=lost <= fallen, value=float(lost),
             limit=f"{fallen} by the scenario's faults, in {len(flights)} flights", advice=advice,
         ),
-        judged(
+        check(
             "flights with touches", FLOCK, good=touching == 0, value=float(touching), limit=f"none of {len(flights)}",
             advice=advice,
-            otherwise=Grade.FAILURE if touching > limits.touched_flights * len(flights) else Grade.WARNING,
+            otherwise=CheckResult.FAILURE if touching > limits.touched_flights * len(flights) else CheckResult.WARNING,
         ),
-        judged(
+        check(
             "smallest separation in simulation", FLOCK, good=bool(separation >= least), value=float(separation),
             limit=f"at least {least:.3g} m", unit="m", advice=advice,
         ),
         *(
-            judged(
+            check(
                 f"{name} in simulation", FLOCK, good=value <= limit, value=float(value),
                 limit=f"at most {limit:g} {unit}", unit=unit, advice=advice,
             )

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import Message, mavlink
 from moflock_mj.mavlink.frames import Origin
-from moflock_mj.preflight.results import Grade, Item, judged
+from moflock_mj.preflight.results import CheckItem, CheckResult, check
 from moflock_mj.scenario.scenario import Scenario
 
 SILENT = 5.0
@@ -47,7 +47,7 @@ def about(vehicle: RemoteVehicle) -> str:
     return f"vehicle {vehicle.system}"
 
 
-def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, scenario: Scenario) -> list[Item]:
+def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, scenario: Scenario) -> list[CheckItem]:
     """Everything that a vehicle tells unasked or at the rates that it was asked for.
 
     What is not there yet, and may come, is RUNNING.
@@ -69,7 +69,7 @@ def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, sce
     ]
 
 
-def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float) -> list[Item]:
+def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float) -> list[CheckItem]:
     """How good its link is, after some seconds.
 
     Args:
@@ -80,15 +80,15 @@ def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float)
     trip, who = vehicle.link.round_trip, about(vehicle)
     loss_max = max(scenario.packet_loss_ratio, _LOSS)
     return [
-        judged(
+        check(
             "link's round trip", who, good=trip <= scenario.t_del or (trip < 0.05), value=1e3 * trip, unit="ms",
             limit=f"at most t_del, {1e3 * scenario.t_del:g} ms", advice="a better radio, or a point for longer delays",
         ),
-        judged(
+        check(
             "link's loss", who, good=vehicle.link.loss <= loss_max, value=100 * vehicle.link.loss, unit="%",
             limit=f"at most {100 * loss_max:g} %", advice="a better radio, antennas apart, or fewer messages",
         ),
-        judged(
+        check(
             "rate of positions", who, good=position_rate >= 0.9 / scenario.t_gps, value=position_rate, unit="Hz",
             limit=f"at least {1 / scenario.t_gps:g} Hz, one each t_gps",
             advice="let the radio carry more: SERIALn_BAUD, MAV_0_RATE",
@@ -96,7 +96,9 @@ def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float)
     ]  # fmt: skip
 
 
-def battery_item(vehicle: RemoteVehicle, capacity: float | None, energy: float | None, *, low: float = 0.0) -> Item:
+def battery_item(
+    vehicle: RemoteVehicle, capacity: float | None, energy: float | None, *, low: float = 0.0
+) -> CheckItem:
     """Whether the battery is enough for the flight and a reserve.
 
     Args:
@@ -113,30 +115,30 @@ def battery_item(vehicle: RemoteVehicle, capacity: float | None, energy: float |
     basis = f"{100 * (need - reserve):.0f} % for the flight" if known else "half, of an unknown capacity"
     share = vehicle.battery
     if share is None:
-        return Item(
-            name="battery", about=about(vehicle), grade=Grade.WARNING, limit="told",
+        return CheckItem(
+            name="battery", about=about(vehicle), result=CheckResult.WARNING, limit="told",
             advice="it does not tell its charge: set up BATT_MONITOR or BAT1_SOURCE",
         )  # fmt: skip
-    return judged(
+    return check(
         "battery", about(vehicle), good=share >= need, value=100 * share, unit="%",
         limit=f"at least {100 * need:.0f} %: {basis} and {100 * reserve:.0f} % left", advice="charge or change it",
     )  # fmt: skip
 
 
-def _link(vehicle: RemoteVehicle) -> Item:
+def _link(vehicle: RemoteVehicle) -> CheckItem:
     age = vehicle.age("HEARTBEAT")
-    return judged(
+    return check(
         "link alive", about(vehicle), good=age <= SILENT, value=age, unit="s", limit=f"a heartbeat within {SILENT:g} s",
         advice="look at its radio and power",
     )  # fmt: skip
 
 
-def _standing(vehicle: RemoteVehicle) -> Item:
+def _standing(vehicle: RemoteVehicle) -> CheckItem:
     landed = vehicle.landed
     state = f"{'armed' if vehicle.armed else 'disarmed'}, {_LANDED[landed]}, {vehicle.mode_name}"
     if landed is None and not vehicle.armed:
         return _running("disarmed, on the ground", vehicle, state, "disarmed and on the ground", "it must say so")
-    return judged(
+    return check(
         "disarmed, on the ground", about(vehicle), good=not vehicle.armed and landed is True, value=state,
         limit="disarmed and on the ground", advice="land and disarm it",
     )  # fmt: skip
@@ -147,7 +149,7 @@ _REASON = re.compile("arm|preflight", re.IGNORECASE)
 _LANDED = {True: "on the ground", False: "in the air", None: "does not say whether landed"}
 
 
-def _prearm(vehicle: RemoteVehicle, autopilot: str) -> Item:
+def _prearm(vehicle: RemoteVehicle, autopilot: str) -> CheckItem:
     """ArduCopter's bit was measured healthy 18 s before its position could be used: the estimator counts besides.
 
     PX4 tells of these checks by the healthy bit alone, and never that they are present.
@@ -157,12 +159,12 @@ def _prearm(vehicle: RemoteVehicle, autopilot: str) -> Item:
     if status is None:
         return _running(name, vehicle, None, limit, "SYS_STATUS does not come")
     if autopilot == "ardupilot" and not status.onboard_control_sensors_present & _PREARM:
-        return Item(
-            name=name, about=about(vehicle), grade=Grade.WARNING, value="not reported", limit=limit,
+        return CheckItem(
+            name=name, about=about(vehicle), result=CheckResult.WARNING, value="not reported", limit=limit,
             advice="its firmware does not report them: look at its own ground station",
         )  # fmt: skip
     if status.onboard_control_sensors_health & _PREARM:
-        return judged(name, about(vehicle), good=True, value=f"healthy in {vehicle.mode_name}", limit=limit, advice="")
+        return check(name, about(vehicle), good=True, value=f"healthy in {vehicle.mode_name}", limit=limit, advice="")
     reasons = [told.text for told in vehicle.texts if _REASON.search(told.text)]
     said = "; ".join(dict.fromkeys(reasons[-6:])) or "it gives no reason"
     advice = f"mend what it says: {said}"
@@ -172,7 +174,7 @@ def _prearm(vehicle: RemoteVehicle, autopilot: str) -> Item:
     return _running(name, vehicle, said, limit, advice)
 
 
-def _sensors(vehicle: RemoteVehicle) -> Item:
+def _sensors(vehicle: RemoteVehicle) -> CheckItem:
     status = _present(vehicle, "SYS_STATUS")
     if status is None:
         return _running("sensors", vehicle, None, "all healthy", "SYS_STATUS does not come")
@@ -182,7 +184,7 @@ def _sensors(vehicle: RemoteVehicle) -> Item:
     names = ", ".join(_sensor_names(sick))
     if sick:
         return _running("sensors", vehicle, names, "all healthy", f"not healthy: {names}; calibrate or replace")
-    return judged(
+    return check(
         "sensors", about(vehicle), good=True, value=f"{on.bit_count()} healthy", limit="all healthy", advice=""
     )
 
@@ -196,7 +198,7 @@ def _sensor_names(bits: int) -> list[str]:
     ]
 
 
-def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
+def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
     told = _present(vehicle, "GPS_RAW_INT")
     if told is None:
         return [_running("GPS", vehicle, None, "3D fix", "GPS_RAW_INT does not come")]
@@ -222,14 +224,14 @@ def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
         ),
     ]  # fmt: skip
     return [
-        judged(name, about(vehicle), good=good(value), value=value, unit=unit, limit=limit, advice=wait,
-               otherwise=Grade.RUNNING)
+        check(name, about(vehicle), good=good(value), value=value, unit=unit, limit=limit, advice=wait,
+               otherwise=CheckResult.RUNNING)
         for name, value, unit, limit, good in rows
         if value is not None
     ]  # fmt: skip
 
 
-def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
+def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
     name = "EKF_STATUS_REPORT" if autopilot == "ardupilot" else "ESTIMATOR_STATUS"
     told = _present(vehicle, name)
     wait = "let it stand still until its estimator has settled; away from iron and magnets"
@@ -242,9 +244,9 @@ def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
     # 0x400 is "not started" in EKF_STATUS_REPORT and "GPS glitch" in ESTIMATOR_STATUS: bad in both.
     good = good and not flags & _GLITCH
     items = [
-        judged(
+        check(
             "estimator", about(vehicle), good=good, value=f"0x{flags:X}", limit="attitude, velocity, absolute position",
-            advice=wait, otherwise=Grade.RUNNING,
+            advice=wait, otherwise=CheckResult.RUNNING,
         )
     ]  # fmt: skip
     fields = (
@@ -255,23 +257,23 @@ def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[Item]:
     worst = max(fields, key=lambda field: _finite(getattr(told, field)))
     value = _finite(getattr(told, worst))
     items.append(
-        judged(
+        check(
             f"estimator's {worst.replace('_', ' ')}", about(vehicle), good=value < _VARIANCE, value=value,
-            limit=f"under {_VARIANCE:g}", advice=wait, otherwise=Grade.RUNNING,
+            limit=f"under {_VARIANCE:g}", advice=wait, otherwise=CheckResult.RUNNING,
         )
     )  # fmt: skip
     if autopilot == "px4":
         accuracy = _finite(told.pos_horiz_accuracy)
         items.append(
-            judged(
+            check(
                 "estimator's accuracy", about(vehicle), good=accuracy <= _ACCURACY, value=accuracy, unit="m",
-                limit=f"at most {_ACCURACY:g} m", advice=wait, otherwise=Grade.RUNNING,
+                limit=f"at most {_ACCURACY:g} m", advice=wait, otherwise=CheckResult.RUNNING,
             )
         )  # fmt: skip
     return items
 
 
-def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> list[Item]:
+def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> list[CheckItem]:
     home, fix = vehicle.home(), vehicle.fix
     if home is None or fix is None or origin is None:
         what = "it does not know its home yet: wait for its GPS"
@@ -280,11 +282,11 @@ def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> 
     away, off = math.hypot(home_x - x, home_y - y), max(abs(home_x), abs(home_y))
     half = scenario.arena_side / 2
     return [
-        judged(
+        check(
             "home", about(vehicle), good=away <= _AWAY, value=away, unit="m",
             limit=f"within {_AWAY:g} m of where it is", advice="switch it off and on where it stands",
         ),
-        judged(
+        check(
             "home in the arena", about(vehicle), good=off <= half, value=off, unit="m",
             limit=f"at most {half:g} m east, west, north and south of its middle",
             advice="move it, or the arena with --origin",
@@ -292,8 +294,10 @@ def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> 
     ]  # fmt: skip
 
 
-def _running(name: str, vehicle: RemoteVehicle, value: str | None, limit: str, advice: str) -> Item:
-    return Item(name=name, about=about(vehicle), grade=Grade.RUNNING, value=value, limit=limit, advice=advice)
+def _running(name: str, vehicle: RemoteVehicle, value: str | None, limit: str, advice: str) -> CheckItem:
+    return CheckItem(
+        name=name, about=about(vehicle), result=CheckResult.RUNNING, value=value, limit=limit, advice=advice
+    )
 
 
 def _present(vehicle: RemoteVehicle, name: str) -> Message | None:

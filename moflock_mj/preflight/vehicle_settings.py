@@ -7,15 +7,21 @@ import dataclasses
 import math
 import types
 
-from moflock_mj.errors import OrderError
+from moflock_mj.errors import CommandError
 from moflock_mj.ground_station.commands import FenceItem, download_fence, read_parameter, set_parameter, upload_fence
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.fence import Circle, FenceError, Polygon, breaches, read_fence
 from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.parameters import Parameter
-from moflock_mj.preflight.required_parameters import RETURN_ALTITUDE, Needs, Spellings, Wanted, wanted_parameters
-from moflock_mj.preflight.results import Grade, Item, judged
+from moflock_mj.preflight.required_parameters import (
+    RETURN_ALTITUDE,
+    FlightRequirements,
+    RequiredParameter,
+    Spellings,
+    required_parameters,
+)
+from moflock_mj.preflight.results import CheckItem, CheckResult, check
 from moflock_mj.preflight.vehicle_checks import about
 from moflock_mj.scenario.scenario import Scenario
 
@@ -34,7 +40,7 @@ _FIX = "run preflight with --fix, or set it yourself"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
+class VehicleSettings:
     """What a vehicle is set to.
 
     Attributes:
@@ -50,12 +56,14 @@ class Settings:
     low: float = 0.0
 
 
-def needs_of(vehicle: RemoteVehicle, place: int, count: int, origin: Origin, scenario: Scenario) -> Needs:
+def requirements_of(
+    vehicle: RemoteVehicle, place: int, count: int, origin: Origin, scenario: Scenario
+) -> FlightRequirements:
     """What the flight asks of a vehicle, the `place`-th of `count`."""
     home, edge = vehicle.home(), scenario.arena_side / 2 + FENCE_MARGIN
     x, y = origin.world(*home[:2]) if home else (0.0, 0.0)
     layer = scenario.altitude + 2 * _LAYER + place * layer_height(count)
-    return Needs(
+    return FlightRequirements(
         speed=scenario.v_max,
         acceleration=scenario.a_max,
         radius=math.ceil(math.hypot(abs(x) + edge, abs(y) + edge)),
@@ -69,14 +77,16 @@ def layer_height(count: int) -> float:
     return min(_LAYER, _LAYERS / count)
 
 
-async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, origin: Origin) -> Settings:
+async def read_settings(
+    vehicle: RemoteVehicle, autopilot: str, requirements: FlightRequirements, origin: Origin
+) -> VehicleSettings:
     """Ask a vehicle for all that matters.
 
     Raises:
-        OrderError: it does not answer.
+        CommandError: it does not answer.
     """
     values: dict[str, float] = {}
-    for spellings in wanted_parameters(autopilot, needs):
+    for spellings in required_parameters(autopilot, requirements):
         # Side by side: who does not know a name does not answer.
         names = [want.name for want in spellings]
         found = await asyncio.gather(*(read_parameter(vehicle, name, tries=_TRIES) for name in names))
@@ -86,7 +96,7 @@ async def read_settings(vehicle: RemoteVehicle, autopilot: str, needs: Needs, or
     shapes = await _read_shapes(vehicle, origin)
     # PX4's -1 and ArduPilot's 0 are of a battery that nobody has described.
     full = capacity.value if capacity and capacity.value > 0 else None
-    return Settings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
+    return VehicleSettings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
 
 
 async def _read_shapes(vehicle: RemoteVehicle, origin: Origin) -> tuple[Polygon | Circle, ...] | None:
@@ -99,7 +109,7 @@ async def _read_shapes(vehicle: RemoteVehicle, origin: Origin) -> tuple[Polygon 
             for item in await download_fence(vehicle)
         ]
         return read_fence(items, origin)
-    except (FenceError, OrderError):
+    except (FenceError, CommandError):
         return None
 
 
@@ -112,30 +122,35 @@ def _low_share(autopilot: str, low: Parameter | None, capacity: float | None) ->
 
 
 def settings_items(
-    vehicle: RemoteVehicle, autopilot: str, needs: Needs, found: Settings, scenario: Scenario
-) -> list[Item]:
+    vehicle: RemoteVehicle, autopilot: str, requirements: FlightRequirements, found: VehicleSettings, scenario: Scenario
+) -> list[CheckItem]:
     """Grades of a vehicle's parameters and fence."""
-    wanted = wanted_parameters(autopilot, needs)
+    wanted = required_parameters(autopilot, requirements)
     items = [item for want in wanted if (item := _parameter_item(vehicle, want, found.values)) is not None]
     return [*items, _fence_item(vehicle, found.shapes, scenario)]
 
 
 async def put_right(
-    vehicle: RemoteVehicle, autopilot: str, needs: Needs, found: Settings, origin: Origin, scenario: Scenario
+    vehicle: RemoteVehicle,
+    autopilot: str,
+    requirements: FlightRequirements,
+    found: VehicleSettings,
+    origin: Origin,
+    scenario: Scenario,
 ) -> list[str]:
     """Set what is wrong and upload a fence of the arena; returns what was changed, a line each, as it was read back.
 
     Raises:
-        OrderError: the vehicle does not take it.
+        CommandError: the vehicle does not take it.
     """
     changes = []
     if found.shapes is None or not _fits(found.shapes, scenario):
         await upload_fence(vehicle, _arena_fence(origin, scenario))
         kept_shapes = await _read_shapes(vehicle, origin)
         if kept_shapes is None or not _fits(kept_shapes, scenario):
-            raise OrderError(f"{vehicle}: fence: what was uploaded does not come back")
+            raise CommandError(f"{vehicle}: fence: what was uploaded does not come back")
         changes.append(f"{about(vehicle)}: fence: a square {scenario.arena_side + 2 * FENCE_MARGIN:g} m wide")
-    for spellings in wanted_parameters(autopilot, needs):
+    for spellings in required_parameters(autopilot, requirements):
         want = _known(spellings, found.values)
         if want is None:
             continue
@@ -147,42 +162,43 @@ async def put_right(
     return changes
 
 
-def return_altitude(found: Settings) -> float | None:
+def return_altitude(found: VehicleSettings) -> float | None:
     """m, above home, at which a vehicle returns; None: it does not tell."""
     told = (found.values[name] * unit for name, unit in RETURN_ALTITUDE.items() if name in found.values)
     return next(told, None)
 
 
-def _known(spellings: Spellings, values: dict[str, float]) -> Wanted | None:
+def _known(spellings: Spellings, values: dict[str, float]) -> RequiredParameter | None:
     return next((want for want in spellings if want.name in values), None)
 
 
-def _parameter_item(vehicle: RemoteVehicle, spellings: Spellings, values: dict[str, float]) -> Item | None:
+def _parameter_item(vehicle: RemoteVehicle, spellings: Spellings, values: dict[str, float]) -> CheckItem | None:
     want = _known(spellings, values)
     if not spellings[0].why:
         return None  # judged over the flock
     if want is None:
         names, first = " or ".join(want.name for want in spellings), spellings[0]
         advice = f"it does not know {names}: is it the firmware that this is for?"
-        return Item(name=first.name, about=about(vehicle), grade=first.missing, limit=first.limit, advice=advice)
-    return judged(
+        return CheckItem(name=first.name, about=about(vehicle), result=first.missing, limit=first.limit, advice=advice)
+    return check(
         want.name, about(vehicle), good=want.holds(values[want.name]), value=values[want.name], limit=want.limit,
         advice=f"{want.why}: {_FIX}", otherwise=want.otherwise,
     )  # fmt: skip
 
 
-def _fence_item(vehicle: RemoteVehicle, shapes: tuple[Polygon | Circle, ...] | None, scenario: Scenario) -> Item:
+def _fence_item(vehicle: RemoteVehicle, shapes: tuple[Polygon | Circle, ...] | None, scenario: Scenario) -> CheckItem:
     limit = "a polygon that allows the whole arena"
     if shapes is None:
-        return Item(
-            name="fence", about=about(vehicle), grade=Grade.FAILURE, value="unreadable", limit=limit, advice=_FIX
+        return CheckItem(
+            name="fence", about=about(vehicle), result=CheckResult.FAILURE, value="unreadable", limit=limit, advice=_FIX
         )  # fmt: skip
     if not shapes:
-        return Item(
-            name="fence", about=about(vehicle), grade=Grade.WARNING, value="a circle about its home alone", limit=limit,
+        return CheckItem(
+            name="fence", about=about(vehicle), result=CheckResult.WARNING, value="a circle about its home alone",
+            limit=limit,
             advice=f"corners of the circle are far outside of the arena: {_FIX}",
         )  # fmt: skip
-    return judged(
+    return check(
         "fence", about(vehicle), good=_fits(shapes, scenario), value=f"{len(shapes)} shapes", limit=limit,
         advice=f"parts of the arena are forbidden, or nothing is: {_FIX}",
     )  # fmt: skip

@@ -14,7 +14,7 @@ import numpy as np
 
 from moflock_mj.errors import RenderError
 from moflock_mj.rendering.cameras import View, camera_path
-from moflock_mj.rendering.scene import Painter, pose, stage_model
+from moflock_mj.rendering.scene import SceneDecorator, pose, stage_model
 from moflock_mj.simulation.results import AnyFlight
 from moflock_mj.visualization.captions import flight_names
 from moflock_mj.visualization.playback import Playback, playback_of
@@ -127,7 +127,7 @@ def _play(
 ) -> None:
     """Show the present moment some sixty times a second."""
     _show_legend(window, playback)
-    painter, before = Painter(playback, window.user_scn), time.monotonic()
+    decorator, before = SceneDecorator(playback, window.user_scn), time.monotonic()
     while window.is_running():
         now = time.monotonic()
         player.advance(now - before)
@@ -138,7 +138,7 @@ def _play(
             view = View(camera.lookat.copy(), camera.distance, camera.azimuth, camera.elevation)
             pose(data, model, moments)
             window.user_scn.ngeom = 0
-            painter.paint(player.time, moments, view)
+            decorator.paint(player.time, moments, view)
         state = "" if player.runs else " (paused)"
         words = f"{player.time:.1f} s, {player.speed:g}x{state}"
         event = playback.event_at(player.time, _EVENT_LASTS * player.speed)

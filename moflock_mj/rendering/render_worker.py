@@ -15,7 +15,7 @@ from typing import NamedTuple
 from moflock_mj.visualization.playback import Playback
 
 
-class Shots(NamedTuple):
+class RenderJob(NamedTuple):
     """What is rendered; stands in a folder beside the playback.
 
     Attributes:
@@ -36,22 +36,22 @@ class Shots(NamedTuple):
         (folder / "shots.json").write_text(json.dumps(self), encoding="utf-8")
 
     @classmethod
-    def load(cls, folder: Path) -> Shots:
+    def load(cls, folder: Path) -> RenderJob:
         camera, speed, (width, height), times, processes = json.loads((folder / "shots.json").read_text("utf-8"))
         return cls(camera, speed, (width, height), times, processes)
 
 
 def main() -> None:
     """Write the frames, as bytes of (height, width, 3), to stdout."""
-    from moflock_mj.rendering.renderer import Studio  # noqa: PLC0415 - loads the GL, which only this process needs
+    from moflock_mj.rendering.renderer import VideoRenderer  # noqa: PLC0415 - loads the GL, which only this process needs
 
     folder, number = Path(sys.argv[1]), int(sys.argv[2])
-    shots = Shots.load(folder)
-    studio = Studio(Playback.load(folder), shots.camera, shots.speed, shots.size)
+    job = RenderJob.load(folder)
+    renderer = VideoRenderer(Playback.load(folder), job.camera, job.speed, job.size)
     try:
         with os.fdopen(sys.stdout.fileno(), "wb", closefd=False) as out:
-            for time in shots.times[number :: shots.processes]:
-                out.write(studio.shoot(time).tobytes())
+            for time in job.times[number :: job.processes]:
+                out.write(renderer.shoot(time).tobytes())
     except BrokenPipeError:
         pass  # nobody wants the frames any more
     # A driver's own tidying up at the end of a process may fail noisily; there is nothing left to tidy up.

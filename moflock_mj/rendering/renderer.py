@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from moflock_mj.rendering.cameras import camera_path
 from moflock_mj.rendering.legend import DARK, DIM, Font, draw_legend
-from moflock_mj.rendering.scene import LOOKS, Painter, airframes_show, grid_cell, pose, room_for, stage_model
+from moflock_mj.rendering.scene import LOOKS, SceneDecorator, airframes_show, grid_cell, pose, room_for, stage_model
 from moflock_mj.visualization.playback import TRAIL_SECONDS, Playback
 
 _EVENT_LASTS = 3.0
@@ -18,7 +18,7 @@ _EVENT_LASTS = 3.0
 _WORDS = (238, 242, 247)
 
 
-class Studio:
+class VideoRenderer:
     """A camera, a stage and a renderer; needs MUJOCO_GL to be set before MuJoCo is imported.
 
     Args:
@@ -39,7 +39,7 @@ class Studio:
         self._options = mujoco.MjvOption()
         self._options.geomgroup[:] = 0
         self._options.geomgroup[0] = 1
-        self._painter = Painter(playback, self._renderer.scene)
+        self._decorator = SceneDecorator(playback, self._renderer.scene)
         self._path = camera_path(playback, camera, width / height, speed)
         self._captions = _Captions(playback, camera, size)
 
@@ -54,7 +54,7 @@ class Studio:
         # On a software GL these cost several times the rest.
         for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._renderer.scene.flags[costly] = 0
-        self._painter.paint(time, moments, view)
+        self._decorator.paint(time, moments, view)
         event = self._playback.event_at(time, _EVENT_LASTS * self._speed)
         return self._captions.on(self._renderer.render(), time, self._speed, event)
 

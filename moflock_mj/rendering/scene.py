@@ -104,7 +104,7 @@ def _marker_radii(moment: Moment, view: View) -> tuple[NDArray[np.float64], NDAr
     return 2 * _MARKER * np.tan(np.radians(FIELD_OF_VIEW) / 2) * np.maximum(depth, 0.0), depth
 
 
-class Painter:
+class SceneDecorator:
     """Paints a playback's arena, trails and markers into a scene, after the model's own geoms.
 
     Args:

@@ -17,7 +17,7 @@ from moflock_mj.errors import RenderError
 from moflock_mj.files import new_file
 from moflock_mj.rendering.cameras import CAMERAS
 from moflock_mj.rendering.gl import environment_with, find_gl
-from moflock_mj.rendering.render_worker import Shots
+from moflock_mj.rendering.render_worker import RenderJob
 from moflock_mj.simulation.results import AnyFlight
 from moflock_mj.visualization.captions import flight_names
 from moflock_mj.visualization.playback import Playback, playback_of
@@ -68,11 +68,11 @@ def render_video(
     speed = speed or max(1.0, seconds / _WATCHABLE)
     times = playback.begin + np.arange(max(round(seconds / speed * fps), 1)) * speed / fps
     processes = processes or len(os.sched_getaffinity(0))
-    shots = Shots(camera, speed, size, times.tolist(), min(processes, len(times)))
+    job = RenderJob(camera, speed, size, times.tolist(), min(processes, len(times)))
     with (
         new_file(out) as place,
         _Encoder(place, fps, size) as encoder,
-        contextlib.closing(_frames(playback, shots)) as frames,
+        contextlib.closing(_frames(playback, job)) as frames,
     ):
         for number, frame in enumerate(frames, start=1):
             encoder.add(frame)
@@ -95,19 +95,19 @@ def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) ->
         )
 
 
-def _frames(playback: Playback, shots: Shots) -> Generator[NDArray[np.uint8], None, None]:
+def _frames(playback: Playback, job: RenderJob) -> Generator[NDArray[np.uint8], None, None]:
     """The frames in order, (height, width, 3); a process waits while its latest one has not been taken."""
     crew: list[subprocess.Popen[bytes]] = []
     with tempfile.TemporaryDirectory(prefix="moflock-video-") as name:
         folder, way = Path(name), find_gl()
         playback.save(folder)
-        shots.save(folder)
+        job.save(folder)
         try:
-            for number in range(shots.processes):
+            for number in range(job.processes):
                 crew.append(_start_worker(folder, number, way))
-            for number in range(len(shots.times)):
-                turn = number % shots.processes
-                yield _take_frame(crew[turn], shots.size, _words_file(folder, turn))
+            for number in range(len(job.times)):
+                turn = number % job.processes
+                yield _take_frame(crew[turn], job.size, _words_file(folder, turn))
         finally:
             for process in crew:
                 process.kill()

@@ -9,7 +9,7 @@ from moflock_mj.fields import Section, quantity
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class VerdictLimits(Section):
+class AcceptanceLimits(Section):
     """Limits of rigid-body flights, each for the worst flight of a point.
 
     Flyable: no touch, no drone lost, and all of the first four limits kept. Unsafe: any drone lost, or touches in more

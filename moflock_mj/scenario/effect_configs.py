@@ -22,7 +22,7 @@ TURBULENCE = {"none": 0.0, "light": 15 * KNOT, "moderate": 30 * KNOT, "severe": 
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Wind(Section):
+class WindConfig(Section):
     """A constant wind with gusts (Dryden turbulence of MIL-F-8785C, low altitude), see `moflock_mj.effects.wind`."""
 
     table: ClassVar[str] = "wind"
@@ -48,7 +48,7 @@ class Wind(Section):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Drag(Section):
+class DragConfig(Section):
     """Drag of a body, quadratic, and of its rotors, linear in the air's velocity, see `moflock_mj.effects.drag`."""
 
     table: ClassVar[str] = "drag"
@@ -62,7 +62,7 @@ class Drag(Section):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Downwash(Section):
+class DownwashConfig(Section):
     """The jet below each drone and its force on those in it, see `moflock_mj.effects.downwash`."""
 
     table: ClassVar[str] = "downwash"
@@ -73,7 +73,7 @@ class Downwash(Section):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class GroundEffect(Section):
+class GroundEffectConfig(Section):
     """Thrust grows close above the ground (Cheeseman and Bennett 1955), see `moflock_mj.effects.ground_effect`."""
 
     table: ClassVar[str] = "ground_effect"
@@ -82,7 +82,7 @@ class GroundEffect(Section):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Battery(Section):
+class BatteryConfig(Section):
     """A lithium polymer battery (Chen and Rincon-Mora 2006), see `moflock_mj.effects.battery`."""
 
     table: ClassVar[str] = "battery"
@@ -97,7 +97,7 @@ class Battery(Section):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Imu(Section):
+class ImuConfig(Section):
     """Noise of the sensors from which a drone estimates its attitude and velocity, see `moflock_mj.sensing.imu`.
 
     Gyroscope and accelerometer: Bosch BMI088 datasheet, 0.014 deg/s and 190 ug per sqrt(Hz) (its z axis, the noisier).
@@ -116,7 +116,7 @@ class Imu(Section):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PointMassResponse(Section):
+class PointMassConfig(Section):
     """The response of point masses alone, such as `moflock identify` finds it for an airframe with its controllers.
 
     Rigid bodies go on with the scenario's tau and a_max, from which their controllers are designed.

@@ -48,7 +48,7 @@ _FIGURES = ("rotor", "effectiveness", "jump", "share")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Fault(Section):
+class FaultConfig(Section):
     """One fault: a table `[[faults]]`.
 
     Raises:

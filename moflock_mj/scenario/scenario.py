@@ -12,9 +12,17 @@ from typing import Any
 
 from moflock_mj.errors import ScenarioError
 from moflock_mj.fields import Section, check_fields, check_keys, quantity, section, sections
-from moflock_mj.scenario.acceptance import VerdictLimits
-from moflock_mj.scenario.effect_configs import Battery, Downwash, Drag, GroundEffect, Imu, PointMassResponse, Wind
-from moflock_mj.scenario.faults import Fault
+from moflock_mj.scenario.acceptance import AcceptanceLimits
+from moflock_mj.scenario.effect_configs import (
+    BatteryConfig,
+    DownwashConfig,
+    DragConfig,
+    GroundEffectConfig,
+    ImuConfig,
+    PointMassConfig,
+    WindConfig,
+)
+from moflock_mj.scenario.faults import FaultConfig
 
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
 """Integration step of each dynamics where the scenario names none, in s."""
@@ -71,18 +79,26 @@ class Scenario:
     a_tol: float = quantity(0.0003, "1", "tolerance of F_coll", low=0, open_low=True, high=1)
     r_tol: float = quantity(5.0, "m", "tolerance of F_wall", low=0, open_low=True, high=1e4)
 
-    point_mass: PointMassResponse | None = section(
-        PointMassResponse, "the response of point masses, in place of tau and a_max"
+    point_mass: PointMassConfig | None = section(
+        PointMassConfig, "the response of point masses, in place of tau and a_max"
     )
-    wind: Wind | None = section(Wind, "moving air, in place of the outer noise")
-    drag: Drag | None = section(Drag, "drag of rigid bodies and their rotors; with wind it is on anyway")
-    downwash: Downwash | None = section(Downwash, "what a drone's rotors blow at those below it; rigid bodies")
-    ground_effect: GroundEffect | None = section(GroundEffect, "more thrust close above the ground; rigid bodies")
-    battery: Battery | None = section(Battery, "voltage falls with charge and current, thrust with it; rigid bodies")
-    imu: Imu | None = section(Imu, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies")
-    verdict: VerdictLimits = section(VerdictLimits, "what makes a point flyable or unsafe", on=True)
+    wind: WindConfig | None = section(WindConfig, "moving air, in place of the outer noise")
+    drag: DragConfig | None = section(DragConfig, "drag of rigid bodies and their rotors; with wind it is on anyway")
+    downwash: DownwashConfig | None = section(
+        DownwashConfig, "what a drone's rotors blow at those below it; rigid bodies"
+    )
+    ground_effect: GroundEffectConfig | None = section(
+        GroundEffectConfig, "more thrust close above the ground; rigid bodies"
+    )
+    battery: BatteryConfig | None = section(
+        BatteryConfig, "voltage falls with charge and current, thrust with it; rigid bodies"
+    )
+    imu: ImuConfig | None = section(
+        ImuConfig, "attitude, rates, height, velocity as estimated from noisy sensors; rigid bodies"
+    )
+    verdict: AcceptanceLimits = section(AcceptanceLimits, "what makes a point flyable or unsafe", on=True)
 
-    faults: tuple[Fault, ...] = sections(Fault, "what breaks in flight, see `moflock_mj.scenario.faults`")
+    faults: tuple[FaultConfig, ...] = sections(FaultConfig, "what breaks in flight, see `moflock_mj.scenario.faults`")
 
     def __post_init__(self) -> None:
         check_fields(self, ScenarioError)
@@ -141,7 +157,7 @@ class Scenario:
             if fields.get(name) is not None:
                 fields[name] = kind.read(fields[name])
         if "faults" in fields:
-            fields["faults"] = Fault.read_all(fields["faults"])
+            fields["faults"] = FaultConfig.read_all(fields["faults"])
         return cls(**fields)
 
     def to_dict(self) -> dict[str, Any]:

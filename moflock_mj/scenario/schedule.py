@@ -8,12 +8,12 @@ from typing import NamedTuple
 from moflock_mj.scenario.scenario import Scenario
 
 
-class Clocks(NamedTuple):
+class Schedule(NamedTuple):
     """A flight is a row of beats: the longest time after which something other than a step is due.
 
     Attributes:
-        steps_per_beat: integration steps of a beat.
-        beats: beats of the whole flight.
+        steps_per_interval: integration steps of a beat.
+        intervals: beats of the whole flight.
         sample_every: beats between two samples.
         sense_every: beats between two times that the drones sense and decide.
         remember_at: a state is remembered for the packets at every beat that leaves this rest by sense_every.
@@ -21,8 +21,8 @@ class Clocks(NamedTuple):
         first_counted: the first beat whose sample enters the order parameters.
     """
 
-    steps_per_beat: int
-    beats: int
+    steps_per_interval: int
+    intervals: int
     sample_every: int
     sense_every: int
     remember_at: int
@@ -30,7 +30,7 @@ class Clocks(NamedTuple):
     first_counted: int
 
     @classmethod
-    def of(cls, scenario: Scenario, step: float) -> Clocks:
+    def of(cls, scenario: Scenario, step: float) -> Schedule:
         """The clocks of a scenario whose periods are whole multiples of `step`, s."""
         sample, sense, late, total, warm_up = (
             round(period / step)
@@ -42,13 +42,13 @@ class Clocks(NamedTuple):
                 scenario.warm_up,
             )
         )
-        beat = math.gcd(sample, sense, late)
+        interval = math.gcd(sample, sense, late)
         return cls(
-            steps_per_beat=beat,
-            beats=total // beat,
-            sample_every=sample // beat,
-            sense_every=sense // beat,
-            remember_at=(-late % sense) // beat,
+            steps_per_interval=interval,
+            intervals=total // interval,
+            sample_every=sample // interval,
+            sense_every=sense // interval,
+            remember_at=(-late % sense) // interval,
             ticks_late=-(-late // sense),
-            first_counted=-(-warm_up // beat),
+            first_counted=-(-warm_up // interval),
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import kernel
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 
 class SensorModel(NamedTuple):
@@ -47,7 +47,7 @@ class SensorState(NamedTuple):
     past_velocity: NDArray[np.float64]
 
     @classmethod
-    def at_start(cls, world: World, ticks_late: int) -> SensorState:
+    def at_start(cls, world: TrueState, ticks_late: int) -> SensorState:
         """No error yet, and a past filled with the initial state, so that every first packet has a content.
 
         Args:
@@ -64,7 +64,7 @@ class SensorState(NamedTuple):
 
 
 @kernel
-def remember(state: SensorState, world: World, moment: int) -> None:
+def remember(state: SensorState, world: TrueState, moment: int) -> None:
     """Put the true state into the ring, as what packets of this moment tell."""
     slot = moment % state.past_position.shape[0]
     state.past_position[slot] = world.position[:2]

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from controllers.compiling import Off, implements, kernel, stage
 from controllers.geometry import body_axes
-from controllers.state_estimation import Navigation, correct, design_fixes, integrate
+from controllers.state_estimation import StateEstimate, correct, design_fixes, integrate
 from moflock_mj.effects.fault_injection import has_fix
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.constants import GRAVITY
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 
-class Sensors(NamedTuple):
+class Imu(NamedTuple):
     """Sensors of N drones.
 
     Attributes:
@@ -35,7 +35,7 @@ class Sensors(NamedTuple):
         compass_noise: rad, deviation of one reading.
         gyro_bias: (3, N), rad/s, body.
         accel_bias: (3, N), m/s^2, body.
-        navigation: what the drones believe.
+        estimate: what the drones believe.
         no_error: (2, N), zeros, in place of the GPS error where the velocity is an estimate.
     """
 
@@ -47,29 +47,29 @@ class Sensors(NamedTuple):
     compass_noise: float
     gyro_bias: NDArray[np.float64]
     accel_bias: NDArray[np.float64]
-    navigation: Navigation
+    estimate: StateEstimate
     no_error: NDArray[np.float64]
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Every array that changes in flight, by name."""
-        navigation = self.navigation
+        estimate = self.estimate
         return {
             "gyro_bias": self.gyro_bias,
             "accel_bias": self.accel_bias,
-            "believed_qpos": navigation.qpos,
-            "believed_qvel": navigation.qvel,
-            "rate_bias": navigation.rate_bias,
-            "lift_bias": navigation.lift_bias,
+            "believed_qpos": estimate.qpos,
+            "believed_qvel": estimate.qvel,
+            "rate_bias": estimate.rate_bias,
+            "lift_bias": estimate.lift_bias,
         }
 
 
-def make_sensors(scenario: Scenario, step: float, beat: float, world: World) -> Sensors | Off:
+def make_imu(scenario: Scenario, step: float, interval: float, world: TrueState) -> Imu | Off:
     """The sensors of a scenario, on drones that know how they start.
 
     Args:
         scenario: whose `imu` is on or off.
         step: s.
-        beat: s, time between two walks of the biases.
+        interval: s, time between two walks of the biases.
         world: where the drones start, level.
     """
     imu, drones = scenario.imu, scenario.drones
@@ -88,28 +88,28 @@ def make_sensors(scenario: Scenario, step: float, beat: float, world: World) -> 
     )
     qpos, qvel = np.zeros((drones, 7)), np.zeros((drones, 6))
     qpos[:, 2], qpos[:, 3], qvel[:, :3] = world.position[2], 1, world.velocity.T
-    return Sensors(
+    return Imu(
         gyro_noise=imu.gyro_noise / sqrt(step),
         accel_noise=imu.accel_noise / sqrt(step),
-        gyro_walk=imu.gyro_walk * sqrt(beat),
-        accel_walk=imu.accel_walk * sqrt(beat),
+        gyro_walk=imu.gyro_walk * sqrt(interval),
+        accel_walk=imu.accel_walk * sqrt(interval),
         baro_noise=imu.baro_noise,
         compass_noise=imu.compass_noise,
         gyro_bias=np.zeros((3, drones)),
         accel_bias=np.zeros((3, drones)),
-        navigation=Navigation(step, GRAVITY, gains, qpos, qvel, np.zeros((3, drones)), np.zeros(drones)),
+        estimate=StateEstimate(step, GRAVITY, gains, qpos, qvel, np.zeros((3, drones)), np.zeros(drones)),
         no_error=np.zeros((2, drones)),
     )
 
 
 @stage
-def believed(
-    sensors: NamedTuple, qpos: NDArray[np.float64], qvel: NDArray[np.float64], velocity_error: NDArray[np.float64]
+def estimated(
+    imu: NamedTuple, qpos: NDArray[np.float64], qvel: NDArray[np.float64], velocity_error: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """What the controllers go by; chosen by the type of `sensors`.
+    """What the controllers go by; chosen by the type of `imu`.
 
     Args:
-        sensors: Sensors, or Off where drones know the truth but for the GPS error of their velocity.
+        imu: Sensors, or Off where drones know the truth but for the GPS error of their velocity.
         qpos: (N, 7), the truth.
         qvel: (N, 6), the truth.
         velocity_error: (2, N), m/s, GPS error.
@@ -121,23 +121,23 @@ def believed(
 
 
 @stage
-def walk_biases(sensors: NamedTuple, draws: NDArray[np.float64]) -> None:
-    """Let the biases walk for a beat; chosen by the type of `sensors`. draws: (1, 6, N), N(0, 1)."""
+def walk_biases(imu: NamedTuple, draws: NDArray[np.float64]) -> None:
+    """Let the biases walk for a beat; chosen by the type of `imu`. draws: (1, 6, N), N(0, 1)."""
 
 
 @stage
-def feel(
-    sensors: NamedTuple,
+def read_imu(
+    imu: NamedTuple,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     qacc: NDArray[np.float64],
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    """Read gyroscopes and accelerometers after a step; chosen by the type of `sensors`.
+    """Read gyroscopes and accelerometers after a step; chosen by the type of `imu`.
 
     Args:
-        sensors: the beliefs in it move on.
+        imu: the beliefs in it move on.
         qpos: (N, 7), the truth.
         qvel: (N, 6), the truth.
         qacc: (N, 6), the first three m/s^2, world: of the step before.
@@ -147,18 +147,18 @@ def feel(
 
 
 @stage
-def take_bearings(
-    sensors: NamedTuple,
+def correct_with_barometer_and_compass(
+    imu: NamedTuple,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     draws: NDArray[np.float64],
     faults: NamedTuple,
 ) -> None:
-    """Correct the beliefs by GPS velocity, barometer and compass; chosen by the type of `sensors`.
+    """Correct the beliefs by GPS velocity, barometer and compass; chosen by the type of `imu`.
 
     Args:
-        sensors: the beliefs in it are corrected.
+        imu: the beliefs in it are corrected.
         qpos: (N, 7), the truth.
         qvel: (N, 6), the truth.
         velocity_error: (2, N), m/s, GPS error.
@@ -167,9 +167,9 @@ def take_bearings(
     """
 
 
-@implements(believed, Off)
+@implements(estimated, Off)
 def _truth(
-    sensors: Off,  # noqa: ARG001
+    imu: Off,  # noqa: ARG001
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
@@ -178,13 +178,13 @@ def _truth(
 
 
 @implements(walk_biases, Off)
-def _walk_nothing(sensors: Off, draws: NDArray[np.float64]) -> None:
+def _walk_nothing(imu: Off, draws: NDArray[np.float64]) -> None:
     pass
 
 
-@implements(feel, Off)
-def _feel_nothing(
-    sensors: Off,
+@implements(read_imu, Off)
+def _read_no_imu(
+    imu: Off,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     qacc: NDArray[np.float64],
@@ -194,9 +194,9 @@ def _feel_nothing(
     pass
 
 
-@implements(take_bearings, Off)
+@implements(correct_with_barometer_and_compass, Off)
 def _take_none(
-    sensors: Off,
+    imu: Off,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
@@ -206,45 +206,45 @@ def _take_none(
     pass
 
 
-@implements(believed, Sensors)
+@implements(estimated, Imu)
 def _estimate(
-    sensors: Sensors,
+    imu: Imu,
     qpos: NDArray[np.float64],  # noqa: ARG001
     qvel: NDArray[np.float64],  # noqa: ARG001
     velocity_error: NDArray[np.float64],  # noqa: ARG001
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    return sensors.navigation.qpos, sensors.navigation.qvel, sensors.no_error
+    return imu.estimate.qpos, imu.estimate.qvel, imu.no_error
 
 
-@implements(walk_biases, Sensors)
-def _walk(sensors: Sensors, draws: NDArray[np.float64]) -> None:
+@implements(walk_biases, Imu)
+def _walk(imu: Imu, draws: NDArray[np.float64]) -> None:
     for axis in range(3):
         for i in range(draws.shape[2]):
-            sensors.gyro_bias[axis, i] += sensors.gyro_walk * draws[0, axis, i]
-            sensors.accel_bias[axis, i] += sensors.accel_walk * draws[0, 3 + axis, i]
+            imu.gyro_bias[axis, i] += imu.gyro_walk * draws[0, axis, i]
+            imu.accel_bias[axis, i] += imu.accel_walk * draws[0, 3 + axis, i]
 
 
 @kernel
 def read_inertial(
-    sensors: Sensors,
+    imu: Imu,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     qacc: NDArray[np.float64],
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    """As `feel`: body rates, and R^T (acceleration - gravity), with noise and bias.
+    """As `read_imu`: body rates, and R^T (acceleration - gravity), with noise and bias.
 
     The noise is uniform, of the deviation asked for: four times as fast to draw as a normal one, and no different after
     the few steps over which it is summed up before it does anything.
     """
-    gyro, accel = sqrt(12.0) * sensors.gyro_noise, sqrt(12.0) * sensors.accel_noise
-    gyro_bias, accel_bias = sensors.gyro_bias, sensors.accel_bias
+    gyro, accel = sqrt(12.0) * imu.gyro_noise, sqrt(12.0) * imu.accel_noise
+    gyro_bias, accel_bias = imu.gyro_bias, imu.accel_bias
     for i in range(qpos.shape[0]):
         xx, xy, xz, yx, yy, yz, zx, zy, zz = body_axes(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
         ax, ay, az = qacc[i, 0], qacc[i, 1], qacc[i, 2] + GRAVITY
         integrate(
-            sensors.navigation,
+            imu.estimate,
             i,
             qvel[i, 3] + gyro_bias[0, i] + gyro * (draws[k, 0, i] - 0.5),
             qvel[i, 4] + gyro_bias[1, i] + gyro * (draws[k, 1, i] - 0.5),
@@ -255,36 +255,36 @@ def read_inertial(
         )
 
 
-@implements(feel, Sensors)
-def _feel(
-    sensors: Sensors,
+@implements(read_imu, Imu)
+def _read_imu(
+    imu: Imu,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     qacc: NDArray[np.float64],
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    read_inertial(sensors, qpos, qvel, qacc, draws, k)
+    read_inertial(imu, qpos, qvel, qacc, draws, k)
 
 
-@implements(take_bearings, Sensors)
-def _take_bearings(
-    sensors: Sensors,
+@implements(correct_with_barometer_and_compass, Imu)
+def _correct_with_barometer_and_compass(
+    imu: Imu,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
     draws: NDArray[np.float64],
     faults: NamedTuple,
 ) -> None:
-    believed_velocity = sensors.navigation.qvel
+    estimated_velocity = imu.estimate.qvel
     for i in range(qpos.shape[0]):
         xx, _, _, yx, _, _, _, _, _ = body_axes(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
         fixed = has_fix(faults, i)
         correct(
-            sensors.navigation,
+            imu.estimate,
             i,
-            qvel[i, 0] + velocity_error[0, i] if fixed else believed_velocity[i, 0],
-            qvel[i, 1] + velocity_error[1, i] if fixed else believed_velocity[i, 1],
-            qpos[i, 2] + sensors.baro_noise * draws[0, 0, i],
-            atan2(yx, xx) + sensors.compass_noise * draws[0, 1, i],
+            qvel[i, 0] + velocity_error[0, i] if fixed else estimated_velocity[i, 0],
+            qvel[i, 1] + velocity_error[1, i] if fixed else estimated_velocity[i, 1],
+            qpos[i, 2] + imu.baro_noise * draws[0, 0, i],
+            atan2(yx, xx) + imu.compass_noise * draws[0, 1, i],
         )

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import Off, implements, stage
-from controllers.policies.interface import Sensed
-from moflock_mj.effects.fault_injection import FALLEN, Breakdown
-from moflock_mj.world.state import World
+from controllers.policies.interface import Observation
+from moflock_mj.effects.fault_injection import FALLEN, FaultSchedule
+from moflock_mj.world.state import TrueState
 
 if TYPE_CHECKING:
     from moflock_mj.sensing.gps import SensorState
 
 
 @stage
-def spoil_packets(faults: NamedTuple, state: SensorState, world: World, moment: int) -> None:
+def corrupt_packets(faults: NamedTuple, state: SensorState, world: TrueState, moment: int) -> None:
     """Change what the packets of a moment tell, or send none; chosen by the type of `faults`.
 
     Args:
@@ -32,7 +32,7 @@ def spoil_packets(faults: NamedTuple, state: SensorState, world: World, moment: 
 
 
 @stage
-def spoil_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
+def corrupt_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
     """Let the errors of drones without GPS go on without fixes; chosen by the type of `faults`.
 
     Args:
@@ -44,7 +44,7 @@ def spoil_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
 
 @stage
 def drop_neighbours(
-    faults: NamedTuple, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed
+    faults: NamedTuple, world: TrueState, moment: int, loss_draws: NDArray[np.float64], observation: Observation
 ) -> None:
     """Strike out whom each drone does not hear, or should not heed; chosen by the type of `faults`.
 
@@ -53,12 +53,12 @@ def drop_neighbours(
         world: the true state.
         moment: of which the packets that arrive tell.
         loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no fault loses packets.
-        sensed: whose neighbours would be heard without faults.
+        observation: whose neighbours would be heard without faults.
     """
 
 
 @stage
-def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: float, observation: Observation) -> None:
     """Write what earlier packets said, carried on to now; chosen by the type of `faults`.
 
     Args:
@@ -66,7 +66,7 @@ def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: f
         state: the ring of the past, and the present errors.
         moment: of which the packets that arrive now tell.
         t_gps: s, between two packets.
-        sensed: its columns from N on are written.
+        observation: its columns from N on are written.
     """
 
 
@@ -75,23 +75,25 @@ def shift_readings(faults: NamedTuple, position: NDArray[np.float64]) -> None:
     """Add jumps to what drones read of their positions, (2, N), m; chosen by the type of `faults`."""
 
 
-@implements(spoil_packets, Off)
-def _spoil_no_packets(faults: Off, state: SensorState, world: World, moment: int) -> None:
+@implements(corrupt_packets, Off)
+def _corrupt_no_packets(faults: Off, state: SensorState, world: TrueState, moment: int) -> None:
     pass
 
 
-@implements(spoil_fixes, Off)
-def _spoil_no_fixes(faults: Off, state: SensorState, t_gps: float) -> None:
+@implements(corrupt_fixes, Off)
+def _corrupt_no_fixes(faults: Off, state: SensorState, t_gps: float) -> None:
     pass
 
 
 @implements(drop_neighbours, Off)
-def _drop_none(faults: Off, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed) -> None:
+def _drop_none(
+    faults: Off, world: TrueState, moment: int, loss_draws: NDArray[np.float64], observation: Observation
+) -> None:
     pass
 
 
 @implements(recall_packets, Off)
-def _recall_none(faults: Off, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
+def _recall_none(faults: Off, state: SensorState, moment: int, t_gps: float, observation: Observation) -> None:
     pass
 
 
@@ -100,18 +102,18 @@ def _shift_none(faults: Off, position: NDArray[np.float64]) -> None:
     pass
 
 
-@implements(spoil_packets, Breakdown)
-def _spoil_packets(faults: Breakdown, state: SensorState, world: World, moment: int) -> None:
+@implements(corrupt_packets, FaultSchedule)
+def _corrupt_packets(faults: FaultSchedule, state: SensorState, world: TrueState, moment: int) -> None:
     slot = moment % faults.memory.sent.shape[0]
-    for i in range(faults.mute.size):
-        faults.memory.sent[slot, i] = not faults.mute[i]
+    for i in range(faults.cannot_transmit.size):
+        faults.memory.sent[slot, i] = not faults.cannot_transmit[i]
         faults.memory.height[slot, i] = world.position[2, i]
         for axis in range(2):
             state.past_position[slot, axis, i] += faults.jump[axis, i]
 
 
-@implements(spoil_fixes, Breakdown)
-def _spoil_fixes(faults: Breakdown, state: SensorState, t_gps: float) -> None:
+@implements(corrupt_fixes, FaultSchedule)
+def _corrupt_fixes(faults: FaultSchedule, state: SensorState, t_gps: float) -> None:
     memory = faults.memory
     for process in range(2):
         for axis in range(2):
@@ -124,50 +126,52 @@ def _spoil_fixes(faults: Breakdown, state: SensorState, t_gps: float) -> None:
                 last_g[i], last_h[i] = g[i], h[i]
 
 
-@implements(drop_neighbours, Breakdown)
+@implements(drop_neighbours, FaultSchedule)
 def _drop_neighbours(
-    faults: Breakdown, world: World, moment: int, loss_draws: NDArray[np.float64], sensed: Sensed
+    faults: FaultSchedule, world: TrueState, moment: int, loss_draws: NDArray[np.float64], observation: Observation
 ) -> None:
     memory, lossy, ring = faults.memory, loss_draws.shape[0] > 0, faults.memory.sent.shape[0]
-    drones, too_old = faults.deaf.size, faults.kept + 1
+    drones, too_old = faults.cannot_receive.size, faults.kept + 1
     age_before = np.empty(drones, np.int64)
     for i in range(drones):
         age_before[:] = memory.age[i]
         memory.age[i] = too_old + 1  # also of those that have flown out of range
         count, arrived, missing = 0, 0, 0
-        for k in range(sensed.neighbour_count[i]):
-            j = sensed.neighbours[i, k]
+        for k in range(observation.neighbour_count[i]):
+            j = observation.neighbours[i, k]
             lost = lossy and loss_draws[i, j] < max(faults.loss[i], faults.loss[j])
-            arrives = not faults.deaf[i] and memory.sent[moment % ring, j] and not lost
+            arrives = not faults.cannot_receive[i] and memory.sent[moment % ring, j] and not lost
             age = 0 if arrives else age_before[j] + (age_before[j] < too_old)
             memory.age[i, j] = age
             arrived += arrives
             missing += age == too_old
             if age < too_old and memory.height[(moment - age) % ring, j] > world.position[2, i] - FALLEN:
-                sensed.neighbours[i, count] = j + age * drones
+                observation.neighbours[i, count] = j + age * drones
                 count += 1
-        sensed.neighbour_count[i] = count
+        observation.neighbour_count[i] = count
         if arrived > 0:
             memory.cut_off[i] = 0
         elif count == 0 and missing >= 2:  # of one alone it could be the other's radio
             memory.cut_off[i] = 1
 
 
-@implements(recall_packets, Breakdown)
-def _recall_packets(faults: Breakdown, state: SensorState, moment: int, t_gps: float, sensed: Sensed) -> None:
-    drones = faults.deaf.size
+@implements(recall_packets, FaultSchedule)
+def _recall_packets(
+    faults: FaultSchedule, state: SensorState, moment: int, t_gps: float, observation: Observation
+) -> None:
+    drones = faults.cannot_receive.size
     for age in range(1, faults.kept + 1):
         slot = (moment - age) % state.past_position.shape[0]
         for axis in range(2):
             for j in range(drones):
                 velocity = state.past_velocity[slot, axis, j]
                 place = state.past_position[slot, axis, j] + age * t_gps * velocity
-                sensed.heard_position[axis, j + age * drones] = place + state.position_error[1, axis, j]
-                sensed.heard_velocity[axis, j + age * drones] = velocity + state.velocity_error[1, axis, j]
+                observation.received_position[axis, j + age * drones] = place + state.position_error[1, axis, j]
+                observation.received_velocity[axis, j + age * drones] = velocity + state.velocity_error[1, axis, j]
 
 
-@implements(shift_readings, Breakdown)
-def _shift_readings(faults: Breakdown, position: NDArray[np.float64]) -> None:
+@implements(shift_readings, FaultSchedule)
+def _shift_readings(faults: FaultSchedule, position: NDArray[np.float64]) -> None:
     for axis in range(2):
-        for i in range(faults.deaf.size):
+        for i in range(faults.cannot_receive.size):
             position[axis, i] += faults.jump[axis, i]

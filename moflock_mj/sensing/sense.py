@@ -8,21 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import kernel
-from controllers.policies.interface import Sensed
+from controllers.policies.interface import Observation
 from moflock_mj.sensing.gps import SensorModel, SensorState, drift_gps
-from moflock_mj.sensing.packet_faults import drop_neighbours, recall_packets, shift_readings, spoil_fixes
-from moflock_mj.world.state import World
+from moflock_mj.sensing.packet_faults import corrupt_fixes, drop_neighbours, recall_packets, shift_readings
+from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
 
 @kernel
-def _find_neighbours(model: SensorModel, world: World, loss_draws: NDArray[np.float64], sensed: Sensed) -> None:
+def _find_neighbours(
+    model: SensorModel, world: TrueState, loss_draws: NDArray[np.float64], observation: Observation
+) -> None:
     """List whom each drone hears: true distance now below r_comm, packet not lost; each pair is measured once.
 
     loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no packet can be lost.
     """
     x, y, z = world.position
-    count = sensed.neighbour_count
+    count = observation.neighbour_count
     count[:] = 0
     lossy = loss_draws.shape[0] > 0
     reach_sq = model.r_comm * model.r_comm
@@ -31,10 +33,10 @@ def _find_neighbours(model: SensorModel, world: World, loss_draws: NDArray[np.fl
             distance_sq = (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 + (z[j] - z[i]) ** 2
             if distance_sq < reach_sq:
                 if not (lossy and loss_draws[i, j] < model.packet_loss * distance_sq):
-                    sensed.neighbours[i, count[i]] = j
+                    observation.neighbours[i, count[i]] = j
                     count[i] += 1
                 if not (lossy and loss_draws[j, i] < model.packet_loss * distance_sq):
-                    sensed.neighbours[j, count[j]] = i
+                    observation.neighbours[j, count[j]] = i
                     count[j] += 1
 
 
@@ -42,14 +44,14 @@ def _find_neighbours(model: SensorModel, world: World, loss_draws: NDArray[np.fl
 def sense(
     model: SensorModel,
     state: SensorState,
-    world: World,
+    world: TrueState,
     arena: NamedTuple,
     faults: NamedTuple,
-    heard_moment: int,
+    received_moment: int,
     gps_noise: NDArray[np.float64],
     loss_draws: NDArray[np.float64],
     fault_draws: NDArray[np.float64],
-    sensed: Sensed,
+    observation: Observation,
 ) -> None:
     """Refresh all that each drone knows.
 
@@ -59,23 +61,27 @@ def sense(
         world: the true state now.
         arena: where the walls are.
         faults: see `moflock_mj.effects.fault_injection`, or Off.
-        heard_moment: which moment of the past the packets that arrive now tell of.
+        received_moment: which moment of the past the packets that arrive now tell of.
         gps_noise: (2, 2, N), N(0, 1).
         loss_draws: (N, N), uniform in [0, 1); (0, 0) where no packet can be lost.
         fault_draws: (N, N), uniform in [0, 1); (0, 0) where no fault loses packets.
-        sensed: written.
+        observation: written.
     """
     drift_gps(model, state, gps_noise)
-    spoil_fixes(faults, state, model.t_gps)
-    _find_neighbours(model, world, loss_draws, sensed)
-    slot = heard_moment % state.past_position.shape[0]  # moments before the start find the initial state there
-    drop_neighbours(faults, world, heard_moment, fault_draws, sensed)
+    corrupt_fixes(faults, state, model.t_gps)
+    _find_neighbours(model, world, loss_draws, observation)
+    slot = received_moment % state.past_position.shape[0]  # moments before the start find the initial state there
+    drop_neighbours(faults, world, received_moment, fault_draws, observation)
     for axis in range(2):
         for i in range(world.position.shape[1]):
-            sensed.own_position[axis, i] = world.position[axis, i] + state.position_error[0, axis, i]
-            sensed.own_velocity[axis, i] = world.velocity[axis, i] + state.velocity_error[0, axis, i]
-            sensed.heard_position[axis, i] = state.past_position[slot, axis, i] + state.position_error[1, axis, i]
-            sensed.heard_velocity[axis, i] = state.past_velocity[slot, axis, i] + state.velocity_error[1, axis, i]
-    recall_packets(faults, state, heard_moment, model.t_gps, sensed)
-    shift_readings(faults, sensed.own_position)
-    locate_walls(arena, sensed.own_position, sensed.wall_distance, sensed.wall_normal)
+            observation.own_position[axis, i] = world.position[axis, i] + state.position_error[0, axis, i]
+            observation.own_velocity[axis, i] = world.velocity[axis, i] + state.velocity_error[0, axis, i]
+            observation.received_position[axis, i] = (
+                state.past_position[slot, axis, i] + state.position_error[1, axis, i]
+            )
+            observation.received_velocity[axis, i] = (
+                state.past_velocity[slot, axis, i] + state.velocity_error[1, axis, i]
+            )
+    recall_packets(faults, state, received_moment, model.t_gps, observation)
+    shift_readings(faults, observation.own_position)
+    locate_walls(arena, observation.own_position, observation.wall_distance, observation.wall_normal)

@@ -15,7 +15,7 @@ from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.parameters import INT8, INT16, INT32, REAL32, Parameter
 from moflock_mj.simulated_vehicles.guidance import Body
 from moflock_mj.simulated_vehicles.parameter_table import ParameterTable
-from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, Task, Vehicle, Wish
+from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, SetpointRequest, Vehicle, VehicleTask
 
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
 _ARMABLE = (STABILIZE, ALT_HOLD, GUIDED, LOITER, POSHOLD)
@@ -99,7 +99,7 @@ class ArduCopter(Vehicle):
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     )
-    tasks: ClassVar = {GUIDED: Task.OBEY, RTL: Task.RETURN, LAND: Task.LAND}
+    tasks: ClassVar = {GUIDED: VehicleTask.OFFBOARD, RTL: VehicleTask.RETURN, LAND: VehicleTask.LAND}
     mode_names: ClassVar = {
         STABILIZE: "STABILIZE",
         ALT_HOLD: "ALT_HOLD",
@@ -153,15 +153,15 @@ class ArduCopter(Vehicle):
     def is_ground_station(self, system: int, kind: int) -> bool:  # noqa: ARG002
         return system == self.parameters["SYSID_MYGCS"]
 
-    def objections(self) -> list[str]:
-        reasons = self.prearm_objections()
+    def arming_denials(self) -> list[str]:
+        reasons = self.prearm_denials()
         if self.mode not in _ARMABLE:
             reasons.append(f"Arm: {self.mode_names[self.mode]} mode not armable")
         if self.mode not in _WITHOUT_POSITION and not self.estimator.position_ready:
             reasons.append("Arm: Need Position Estimate")
         return reasons
 
-    def prearm_objections(self) -> list[str]:
+    def prearm_denials(self) -> list[str]:
         """Less than arming looks at: it was measured healthy long before the position could be used."""
         reasons, battery = [], self.battery
         if not self.estimator.attitude_ready:
@@ -178,8 +178,8 @@ class ArduCopter(Vehicle):
             reasons.append("PreArm: GCS failsafe on")
         return reasons
 
-    def refuse_arming(self, objections: list[str]) -> int:
-        for reason in objections:
+    def refuse_arming(self, arming_denials: list[str]) -> int:
+        for reason in arming_denials:
             self.say(reason)
         return int(mavlink.MAV_RESULT_FAILED)
 
@@ -202,11 +202,11 @@ class ArduCopter(Vehicle):
     def command_return(self) -> int:
         return self.request_mode(RTL)
 
-    def obey(self, wish: Wish) -> None:
+    def obey(self, setpoint: SetpointRequest) -> None:
         if self.mode != GUIDED or self.phase == Phase.GROUND or not self.armed:
             return  # a setpoint lifts nothing off the ground
-        self.wish = wish
-        self.fly_wish(wish, self.parameters["WPNAV_SPEED"] / 100)
+        self.setpoint = setpoint
+        self.fly_wish(setpoint, self.parameters["WPNAV_SPEED"] / 100)
 
     def descent(self) -> Descent:
         high = self.parameters["LAND_SPEED_HIGH"] or self.parameters["WPNAV_SPEED_DN"]
@@ -221,23 +221,23 @@ class ArduCopter(Vehicle):
         return self.parameters["DISARM_DELAY"], 0.5
 
     def watch(self) -> None:
-        self._repeat_objections()
+        self._repeat_denials()
         self._watch_setpoints()
         self._watch_ground()
         self._watch_estimator()
         self._watch_battery()
         self._watch_fence()
 
-    def _repeat_objections(self) -> None:
+    def _repeat_denials(self) -> None:
         if not self.armed and self.time - self._prearm_told >= _PREARM_PERIOD:
             self._prearm_told = self.time
-            for reason in self.prearm_objections():
+            for reason in self.prearm_denials():
                 self.say(reason)
 
     def _watch_setpoints(self) -> None:
-        wish, timeout = self.wish, self.parameters["GUID_TIMEOUT"]
-        if wish is not None and wish.velocity is not None and self.time - wish.time > timeout:
-            self.wish = None
+        setpoint, timeout = self.setpoint, self.parameters["GUID_TIMEOUT"]
+        if setpoint is not None and setpoint.velocity is not None and self.time - setpoint.time > timeout:
+            self.setpoint = None
             if self.mode == GUIDED and self.phase == Phase.AIR:
                 self.hold()
 

@@ -27,8 +27,8 @@ from moflock_mj.simulated_vehicles.telemetry import Telemetry
 from moflock_mj.simulated_vehicles.vehicle import Phase, Vehicle
 from moflock_mj.simulated_vehicles.vehicle_faults import ALL, Fault, Schedule, check_faults
 from moflock_mj.simulation.initial_state import grid
-from moflock_mj.simulation.random_numbers import Streams
-from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.simulation.random_numbers import RandomStreams
+from moflock_mj.simulation.realtime_bodies import RealtimeBodies
 
 AUTOPILOTS: dict[str, type[Vehicle]] = {"ardupilot": ArduCopter, "px4": Px4}
 
@@ -230,13 +230,13 @@ class Fleet:
 
     def __init__(self, plan: FleetPlan, key: SigningKey | None = None) -> None:
         self.plan = plan
-        streams = Streams.of(plan.seed)
+        streams = RandomStreams.of(plan.seed)
         places = grid(plan.vehicles, plan.spacing)
         step = plan.scenario.step_for("rigid_body")
         self._steps = round(TICK / step)
         if not math.isclose(self._steps * step, TICK):
             raise FleetError(f"step: {step:g} s must go a whole number of times into {TICK:g} s")
-        self.bodies = LiveBodies(plan.scenario, places, streams, self._steps)
+        self.bodies = RealtimeBodies(plan.scenario, places, streams, self._steps)
         if 2 * self.bodies.radius >= plan.spacing:
             raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
         clock = SigningClock()

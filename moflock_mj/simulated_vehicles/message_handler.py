@@ -9,7 +9,7 @@ from typing import NamedTuple
 from moflock_mj.mavlink.dialect import Message, mavlink
 from moflock_mj.mavlink.frames import Triple, euler_of_quaternion, world_of_ned
 from moflock_mj.simulated_vehicles.telemetry import Telemetry
-from moflock_mj.simulated_vehicles.vehicle import Vehicle, Wish
+from moflock_mj.simulated_vehicles.vehicle import SetpointRequest, Vehicle
 
 _FORCE = 21196
 """Magic number of a MAV_CMD_COMPONENT_ARM_DISARM that is to be done whatever the checks say."""
@@ -128,7 +128,7 @@ class Conversation:
     def _run_prearm_checks(self, command: Command, peer: object) -> int:  # noqa: ARG002
         if self._vehicle.armed:
             return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        for reason in filter(None, self._vehicle.prearm_objections()):
+        for reason in filter(None, self._vehicle.prearm_denials()):
             self._vehicle.say(reason)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
@@ -186,7 +186,7 @@ class Conversation:
         elif not mask & _IGNORE_POSITION and message.coordinate_frame == mavlink.MAV_FRAME_LOCAL_NED:
             position = self._placed((message.x, message.y, message.z))
         if velocity is not None or position is not None:
-            vehicle.obey(Wish(velocity=velocity, position=position, time=vehicle.time))
+            vehicle.obey(SetpointRequest(velocity=velocity, position=position, time=vehicle.time))
 
     def _turned(self, velocity: Triple, frame: int) -> Triple | None:
         """A velocity in our world of one in a message's frame; None if it is none."""

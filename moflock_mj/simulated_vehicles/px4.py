@@ -15,7 +15,7 @@ from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.parameters import INT32, REAL32, Parameter
 from moflock_mj.simulated_vehicles.guidance import Body
 from moflock_mj.simulated_vehicles.parameter_table import ParameterTable
-from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, Task, Vehicle, Wish
+from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, SetpointRequest, Vehicle, VehicleTask
 
 
 def _mode(main: int, sub: int = 0) -> int:
@@ -105,7 +105,12 @@ class Px4(Vehicle):
         | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     )
-    tasks: ClassVar = {OFFBOARD: Task.OBEY, TAKEOFF: Task.TAKEOFF, RETURN: Task.RETURN, LAND: Task.LAND}
+    tasks: ClassVar = {
+        OFFBOARD: VehicleTask.OFFBOARD,
+        TAKEOFF: VehicleTask.TAKEOFF,
+        RETURN: VehicleTask.RETURN,
+        LAND: VehicleTask.LAND,
+    }
     mode_names: ClassVar = {
         MANUAL: "MANUAL",
         ALTITUDE: "ALTITUDE",
@@ -159,8 +164,8 @@ class Px4(Vehicle):
             self._after_disarming = mode
         if mode != self.mode:
             self.set_mode(mode)
-        if mode == OFFBOARD and self.armed and self.wish is not None:
-            self._fly(self.wish)
+        if mode == OFFBOARD and self.armed and self.setpoint is not None:
+            self._fly(self.setpoint)
         if mode == TAKEOFF and self.armed:
             self._begin_takeoff()
         return int(mavlink.MAV_RESULT_ACCEPTED)
@@ -168,7 +173,7 @@ class Px4(Vehicle):
     def is_ground_station(self, system: int, kind: int) -> bool:  # noqa: ARG002
         return bool(kind == mavlink.MAV_TYPE_GCS)
 
-    def objections(self) -> list[str]:
+    def arming_denials(self) -> list[str]:
         reasons = []
         if not self.estimator.attitude_ready:
             reasons.append("Preflight Fail: ekf2 missing data")
@@ -186,20 +191,20 @@ class Px4(Vehicle):
             reasons.append(_UNSAID)
         return reasons
 
-    def prearm_objections(self) -> list[str]:
-        return self.objections()
+    def prearm_denials(self) -> list[str]:
+        return self.arming_denials()
 
-    def refuse_arming(self, objections: list[str]) -> int:
+    def refuse_arming(self, arming_denials: list[str]) -> int:
         self.say("Arming denied: Resolve system health failures first")
-        for reason in filter(None, objections):
+        for reason in filter(None, arming_denials):
             self.say(reason)
         return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
     def armed_in_mode(self) -> None:
         if self.mode == TAKEOFF:
             self._begin_takeoff()
-        elif self.mode == OFFBOARD and self.wish is not None and self._streams():
-            self._fly(self.wish)
+        elif self.mode == OFFBOARD and self.setpoint is not None and self._streams():
+            self._fly(self.setpoint)
 
     def command_takeoff(self, altitude: float) -> int:
         if self.phase != Phase.GROUND or (self.armed and not self.estimator.position_ready):
@@ -217,10 +222,10 @@ class Px4(Vehicle):
     def command_return(self) -> int:
         return self.request_mode(RETURN)
 
-    def obey(self, wish: Wish) -> None:
-        self.wish = wish  # counts as a stream in any mode
+    def obey(self, setpoint: SetpointRequest) -> None:
+        self.setpoint = setpoint  # counts as a stream in any mode
         if self.mode == OFFBOARD and self.armed:
-            self._fly(wish)
+            self._fly(setpoint)
 
     def after_disarming(self) -> None:
         if self.mode in _ENDS:
@@ -258,14 +263,18 @@ class Px4(Vehicle):
         self._watch_fence()
 
     def _streams(self) -> bool:
-        return self.wish is not None and self.time - self.wish.time <= self.parameters["COM_OF_LOSS_T"]
+        return self.setpoint is not None and self.time - self.setpoint.time <= self.parameters["COM_OF_LOSS_T"]
 
-    def _fly(self, wish: Wish) -> None:
+    def _fly(self, setpoint: SetpointRequest) -> None:
         if self.phase == Phase.GROUND:
-            upwards = wish.velocity[2] > 0.1 if wish.velocity else bool(wish.position and wish.position[2] > 0.5)
+            upwards = (
+                setpoint.velocity[2] > 0.1
+                if setpoint.velocity
+                else bool(setpoint.position and setpoint.position[2] > 0.5)
+            )
             if not upwards:
                 return
-        self.fly_wish(wish, self.parameters["MPC_XY_VEL_MAX"])
+        self.fly_wish(setpoint, self.parameters["MPC_XY_VEL_MAX"])
 
     def _begin_takeoff(self) -> None:
         if self.phase == Phase.GROUND:

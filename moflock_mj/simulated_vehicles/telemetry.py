@@ -178,7 +178,7 @@ class Telemetry:
         if vehicle.breached:
             healthy &= ~mavlink.MAV_SYS_STATUS_GEOFENCE
         healthy &= ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        if not vehicle.prearm_objections():
+        if not vehicle.prearm_denials():
             # PX4 sets this bit here alone.
             healthy |= mavlink.MAV_SYS_STATUS_PREARM_CHECK
         if vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4:

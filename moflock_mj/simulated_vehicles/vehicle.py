@@ -41,11 +41,11 @@ class Phase(enum.IntEnum):
     LANDING = mavlink.MAV_LANDED_STATE_LANDING
 
 
-class Task(enum.Enum):
+class VehicleTask(enum.Enum):
     """What a mode makes a vehicle in the air do."""
 
     HOLD = enum.auto()
-    OBEY = enum.auto()
+    OFFBOARD = enum.auto()
     TAKEOFF = enum.auto()
     RETURN = enum.auto()
     LAND = enum.auto()
@@ -68,7 +68,7 @@ class Descent(NamedTuple):
 
 
 @dataclasses.dataclass(kw_only=True)
-class Wish:
+class SetpointRequest:
     """What a setpoint message asked for: a velocity, or a place and a height, in our world.
 
     Attributes:
@@ -101,7 +101,7 @@ class Vehicle(abc.ABC):
 
     autopilot: ClassVar[int]
     capabilities: ClassVar[int]
-    tasks: ClassVar[dict[int, Task]]
+    tasks: ClassVar[dict[int, VehicleTask]]
     """By mode number, as HEARTBEAT's custom_mode has it; a mode that is absent holds."""
     mode_names: ClassVar[dict[int, str]]
     pilot_mode: ClassVar[int]
@@ -126,7 +126,7 @@ class Vehicle(abc.ABC):
         self.shapes: tuple[Polygon | Circle, ...] = ()
         self.fence = FenceStore(self.send, self._take_fence)
         self.breached = False
-        self.wish: Wish | None = None
+        self.setpoint: SetpointRequest | None = None
         self.ground_heard: float | None = None
         """s, when the latest heartbeat of the ground station came."""
         self.ground_lost = False
@@ -166,11 +166,11 @@ class Vehicle(abc.ABC):
         """Change the mode as an operator asks; returns a MAV_RESULT."""
 
     @abc.abstractmethod
-    def objections(self) -> list[str]:
+    def arming_denials(self) -> list[str]:
         """Why the vehicle cannot be armed now, as its status texts have it."""
 
     @abc.abstractmethod
-    def refuse_arming(self, objections: list[str]) -> int:
+    def refuse_arming(self, arming_denials: list[str]) -> int:
         """Tell why; returns a MAV_RESULT."""
 
     @abc.abstractmethod
@@ -186,7 +186,7 @@ class Vehicle(abc.ABC):
         """Return; returns a MAV_RESULT."""
 
     @abc.abstractmethod
-    def obey(self, wish: Wish) -> None:
+    def obey(self, setpoint: SetpointRequest) -> None:
         """Take a setpoint."""
 
     @abc.abstractmethod
@@ -213,7 +213,7 @@ class Vehicle(abc.ABC):
         """Whether a fence is watched."""
 
     @abc.abstractmethod
-    def prearm_objections(self) -> list[str]:
+    def prearm_denials(self) -> list[str]:
         """Why SYS_STATUS's bit MAV_SYS_STATUS_PREARM_CHECK is not healthy now; arming may look at more."""
 
     # What an operator does.
@@ -222,9 +222,9 @@ class Vehicle(abc.ABC):
         """Arm; returns a MAV_RESULT."""
         if self.armed:
             return int(mavlink.MAV_RESULT_ACCEPTED)
-        objections = [] if force else self.objections()
-        if objections:
-            return self.refuse_arming(objections)
+        arming_denials = [] if force else self.arming_denials()
+        if arming_denials:
+            return self.refuse_arming(arming_denials)
         self.armed = True
         self._idle_since = self.time
         if self.estimator.position_ready:
@@ -300,16 +300,16 @@ class Vehicle(abc.ABC):
             self.begin_task()
 
     @property
-    def task(self) -> Task:
-        return self.tasks.get(self.mode, Task.HOLD)
+    def task(self) -> VehicleTask:
+        return self.tasks.get(self.mode, VehicleTask.HOLD)
 
     def begin_task(self) -> None:
         """Begin, in the air, what the mode does."""
         self.phase = Phase.AIR
-        if self.task is Task.LAND:
+        if self.task is VehicleTask.LAND:
             self.phase = Phase.LANDING
             self._guide.hold()
-        elif self.task is Task.RETURN and self.home is not None:
+        elif self.task is VehicleTask.RETURN and self.home is not None:
             plan, (x, y, z) = self.return_plan(), self.body.position
             self._guide.hold()
             self._guide.go((x, y), max(self.home[2] + plan.altitude, z), speed=2.0, climb=2.5, descent=1.5)
@@ -322,15 +322,15 @@ class Vehicle(abc.ABC):
         self._takeoff_altitude = (self.home[2] if self.home else self._ground) + altitude
         self._guide.rise(self.body, self._takeoff_altitude, climb)
 
-    def fly_wish(self, wish: Wish, speed_max: float) -> None:
+    def fly_wish(self, setpoint: SetpointRequest, speed_max: float) -> None:
         """Fly a setpoint; a take-off that goes on is over."""
         if self.phase == Phase.GROUND:
             self.take_off(self.height(), 1.0)
         self.phase = Phase.AIR
-        if wish.velocity is not None:
-            self._guide.fly(wish.velocity, speed_max)
-        elif wish.position is not None:
-            x, y, z = wish.position
+        if setpoint.velocity is not None:
+            self._guide.fly(setpoint.velocity, speed_max)
+        elif setpoint.position is not None:
+            x, y, z = setpoint.position
             self._guide.go((x, y), z, speed=speed_max, climb=2.5, descent=1.5)
 
     def hold(self) -> None:
@@ -364,7 +364,7 @@ class Vehicle(abc.ABC):
         if self.phase == Phase.TAKEOFF and self.body.position[2] > self._takeoff_altitude - 0.3:
             self.phase = Phase.AIR
             self.took_off()
-        elif self.task is Task.RETURN and self.phase == Phase.AIR:
+        elif self.task is VehicleTask.RETURN and self.phase == Phase.AIR:
             self._return()
         elif self.phase == Phase.LANDING:
             self._land()
@@ -399,7 +399,7 @@ class Vehicle(abc.ABC):
             self._resting_since = self.time
         elif self.time - self._resting_since >= _LANDED_AFTER:
             self._stand()
-            self.wish = None
+            self.setpoint = None
 
     def _stand(self) -> None:
         self.phase, self._resting_since, self._leg_since = Phase.GROUND, None, None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.world.state import World
+from moflock_mj.world.state import TrueState
 
 _DENSEST = math.pi / math.sqrt(12)
 """Share of the plane that equal circles can cover (Thue 1892)."""
@@ -18,14 +18,14 @@ _TRIES = 20_000
 """Random places that may be refused in a row before a start counts as impossible."""
 
 
-def start_world(scenario: Scenario, rng: np.random.Generator) -> World:
+def make_initial_state(scenario: Scenario, rng: np.random.Generator) -> TrueState:
     """Place the drones.
 
     Raises:
         ScenarioError: more drones than the spacing can place.
     """
     drones, half = scenario.drones, scenario.arena_side / 2
-    world = World.at_rest(drones)
+    world = TrueState.at_rest(drones)
     world.position[2] = scenario.altitude
     if scenario.start == "moflock":
         world.position[:2] = rng.uniform(-half, half, (drones, 2)).T

@@ -8,112 +8,119 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, kernel
-from controllers.policies.interface import Sensed, SpeedLimits, desired_velocity
+from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
 from moflock_mj.dynamics.interface import advance, take_fix, write_state
-from moflock_mj.effects.fault_injection import fall, hold_blind, strike
-from moflock_mj.metrics.order_parameters import Tally, Yardstick, count_sample, write_running
-from moflock_mj.metrics.samples import Record
-from moflock_mj.scenario.schedule import Clocks
+from moflock_mj.effects.fault_injection import apply_faults, ballistic_fall, hold_without_gps_or_link
+from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, count_sample, write_running
+from moflock_mj.metrics.samples import SampleBuffer
+from moflock_mj.scenario.schedule import Schedule
 from moflock_mj.sensing.gps import SensorModel, SensorState, remember
-from moflock_mj.sensing.packet_faults import spoil_packets
+from moflock_mj.sensing.packet_faults import corrupt_packets
 from moflock_mj.sensing.sense import sense
-from moflock_mj.simulation.random_numbers import Draws, noise_of_beat
-from moflock_mj.world.state import World
+from moflock_mj.simulation.random_numbers import RandomBatch, noise_of_interval
+from moflock_mj.world.state import TrueState
 
 
-class Stages(NamedTuple):
-    """What a flight is made of; the types of `plant`, `params`, `arena` and `faults` choose the implementations."""
+class Components(NamedTuple):
+    """What a flight is made of; the types of `dynamics`, `params`, `arena` and `faults` choose the implementations."""
 
-    clocks: Clocks
-    plant: NamedTuple
+    schedule: Schedule
+    dynamics: NamedTuple
     params: NamedTuple
     limits: SpeedLimits
     arena: NamedTuple
     sensors: SensorModel
     faults: NamedTuple
-    yardstick: Yardstick
+    ranges: MetricRanges
 
 
-class Memory(NamedTuple):
+class SimulationState(NamedTuple):
     """All that changes in flight, but for what a plant keeps to itself.
 
     Attributes:
         world: the true state.
         desired: (2, N), m/s, world, the command in force.
         sensor_state: errors and packets in the air.
-        sensed: what each drone knows.
-        tally: sums behind the order parameters.
+        observation: what each drone knows.
+        accumulator: sums behind the order parameters.
     """
 
-    world: World
+    world: TrueState
     desired: NDArray[np.float64]
     sensor_state: SensorState
-    sensed: Sensed
-    tally: Tally
+    observation: Observation
+    accumulator: MetricAccumulator
 
 
 @kernel
-def _sample(stages: Stages, memory: Memory, record: Record, beat: int, k: int) -> None:
+def _sample(components: Components, memory: SimulationState, record: SampleBuffer, interval: int, k: int) -> None:
     """Judge the state at this beat and write sample k."""
-    counts = beat >= stages.clocks.first_counted
-    world, tally = memory.world, memory.tally
-    record.nearest[k] = count_sample(world, stages.arena, stages.yardstick, counts, tally)
-    write_running(tally, record.order_parameters[k])
-    record.status[k] = tally.status
+    counts = interval >= components.schedule.first_counted
+    world, accumulator = memory.world, memory.accumulator
+    record.nearest[k] = count_sample(world, components.arena, components.ranges, counts, accumulator)
+    write_running(accumulator, record.order_parameters[k])
+    record.status[k] = accumulator.status
     record.desired[k] = memory.desired
-    for i in range(tally.status.size):
+    for i in range(accumulator.status.size):
         for axis in range(3):
             record.position[k, i, axis] = world.position[axis, i]
             record.velocity[k, i, axis] = world.velocity[axis, i]
     if record.qpos.shape[0] > 0:
-        write_state(stages.plant, world, record.qpos[k], record.qvel[k])
+        write_state(components.dynamics, world, record.qpos[k], record.qvel[k])
 
 
 @entry_kernel
-def fly_beats(stages: Stages, memory: Memory, draws: Draws, record: Record, first: int, count: int) -> None:
+def run_intervals(
+    components: Components, memory: SimulationState, draws: RandomBatch, record: SampleBuffer, first: int, count: int
+) -> None:
     """Fly `count` beats from beat `first`; a flight's first call also samples the start.
 
     Args:
-        stages: what the flight is made of.
+        components: what the flight is made of.
         memory: the state; moves on.
         draws: random numbers for these beats.
         record: the samples that fall due; written.
         first: number of the first beat.
         count: number of beats.
     """
-    clocks, world, faults = stages.clocks, memory.world, stages.faults
+    schedule, world, faults = components.schedule, memory.world, components.faults
     sample, tick = 0, 0
     if first == 0:
-        _sample(stages, memory, record, 0, 0)
+        _sample(components, memory, record, 0, 0)
         sample = 1
-    for beat in range(first, first + count):
-        strike(faults, world, beat)
-        if beat % clocks.sense_every == clocks.remember_at:
-            remember(memory.sensor_state, world, beat // clocks.sense_every)
-            spoil_packets(faults, memory.sensor_state, world, beat // clocks.sense_every)
-        if beat % clocks.sense_every == 0:
-            heard = beat // clocks.sense_every - clocks.ticks_late
+    for interval in range(first, first + count):
+        apply_faults(faults, world, interval)
+        if interval % schedule.sense_every == schedule.remember_at:
+            remember(memory.sensor_state, world, interval // schedule.sense_every)
+            corrupt_packets(faults, memory.sensor_state, world, interval // schedule.sense_every)
+        if interval % schedule.sense_every == 0:
+            heard = interval // schedule.sense_every - schedule.ticks_late
             sense(
-                stages.sensors,
+                components.sensors,
                 memory.sensor_state,
                 world,
-                stages.arena,
+                components.arena,
                 faults,
                 heard,
                 draws.gps[tick],
                 draws.loss[tick],
                 draws.fault_loss[tick],
-                memory.sensed,
+                memory.observation,
             )
-            take_fix(stages.plant, memory.sensor_state.velocity_error[0], draws.fix[tick : tick + 1])
-            desired_velocity(stages.params, stages.limits, memory.sensed, memory.desired)
-            hold_blind(faults, memory.desired)
+            take_fix(components.dynamics, memory.sensor_state.velocity_error[0], draws.fix[tick : tick + 1])
+            desired_velocity(components.params, components.limits, memory.observation, memory.desired)
+            hold_without_gps_or_link(faults, memory.desired)
             tick += 1
-        noise = noise_of_beat(draws, beat - first, clocks.steps_per_beat)
+        noise = noise_of_interval(draws, interval - first, schedule.steps_per_interval)
         advance(
-            stages.plant, world, memory.desired, memory.sensor_state.velocity_error[0], noise, clocks.steps_per_beat
+            components.dynamics,
+            world,
+            memory.desired,
+            memory.sensor_state.velocity_error[0],
+            noise,
+            schedule.steps_per_interval,
         )
-        fall(faults, world)
-        if (beat + 1) % clocks.sample_every == 0:
-            _sample(stages, memory, record, beat + 1, sample)
+        ballistic_fall(faults, world)
+        if (interval + 1) % schedule.sample_every == 0:
+            _sample(components, memory, record, interval + 1, sample)
             sample += 1

@@ -13,7 +13,7 @@ from moflock_mj.effects.wind import GUST_DRAWS
 from moflock_mj.scenario.scenario import Scenario
 
 
-class Draws(NamedTuple):
+class RandomBatch(NamedTuple):
     """Random numbers for the beats of one call, drawn beforehand in the order in which they are used.
 
     Attributes:
@@ -39,7 +39,9 @@ class Draws(NamedTuple):
     walk: NDArray[np.float64]
 
 
-def draw(streams: Streams, scenario: Scenario, dynamics: str, *, ticks: int, beats: int, steps: int) -> Draws:
+def draw(
+    streams: RandomStreams, scenario: Scenario, dynamics: str, *, ticks: int, intervals: int, steps: int
+) -> RandomBatch:
     """Draw what some beats need; the same in all, however a flight is cut into calls.
 
     Args:
@@ -47,38 +49,38 @@ def draw(streams: Streams, scenario: Scenario, dynamics: str, *, ticks: int, bea
         scenario: says which kinds a flight takes.
         dynamics: point masses take nothing of inertial sensors.
         ticks: in which the drones sense.
-        beats: see above.
+        intervals: see above.
         steps: integration steps in all of them.
     """
     drones = scenario.drones
     imu = dynamics == "rigid_body" and scenario.imu is not None
     lossy = drones if scenario.packet_loss_ratio > 0 else 0
     burst = drones if any(fault.kind == "packet_loss" for fault in scenario.faults) else 0
-    return Draws(
+    return RandomBatch(
         gps=streams.sensing.standard_normal((ticks, 2, 2, drones)),
         loss=streams.communication.random((ticks, lossy, lossy)),
         fault_loss=streams.faults.random((ticks, burst, burst)),
         fix=streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
         outer=streams.disturbance.standard_normal((steps if scenario.wind is None else 0, 2, drones)),
-        gust=streams.wind.standard_normal((beats if scenario.wind else 0, GUST_DRAWS, drones)),
+        gust=streams.wind.standard_normal((intervals if scenario.wind else 0, GUST_DRAWS, drones)),
         inertial=streams.inertial.random((steps if imu else 0, 6, drones), np.float32),
-        walk=streams.walk.standard_normal((beats if imu else 0, 6, drones)),
+        walk=streams.walk.standard_normal((intervals if imu else 0, 6, drones)),
     )
 
 
 @kernel
-def noise_of_beat(draws: Draws, beat: int, steps: int) -> Noise:
-    """What beat number `beat` of the drawn ones, of `steps` integration steps, takes."""
-    step = beat * steps
+def noise_of_interval(draws: RandomBatch, interval: int, steps: int) -> Noise:
+    """What beat number `interval` of the drawn ones, of `steps` integration steps, takes."""
+    step = interval * steps
     return Noise(
         draws.outer[step : step + steps],
-        draws.gust[beat : beat + 1],
+        draws.gust[interval : interval + 1],
         draws.inertial[step : step + steps],
-        draws.walk[beat : beat + 1],
+        draws.walk[interval : interval + 1],
     )
 
 
-class Streams(NamedTuple):
+class RandomStreams(NamedTuple):
     """Independent generators; what one concern draws never shifts what another gets."""
 
     start: np.random.Generator
@@ -92,7 +94,7 @@ class Streams(NamedTuple):
     faults: np.random.Generator
 
     @classmethod
-    def of(cls, seed: int) -> Streams:
+    def of(cls, seed: int) -> RandomStreams:
         """The generators that belong to a seed, a whole number from 0."""
         children = np.random.SeedSequence(seed).spawn(len(cls._fields))
         return cls(*(np.random.Generator(np.random.SFC64(child)) for child in children))

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from controllers.compiling import Off, entry_kernel
 from moflock_mj.dynamics.bodies import RigidBody
 from moflock_mj.dynamics.interface import advance, take_fix
-from moflock_mj.dynamics.rigid_body import RigidBodyFlock
+from moflock_mj.dynamics.rigid_body import RigidBodyModel
 from moflock_mj.effects.wind import make_wind
 from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.sensing.gps import SensorModel, SensorState, drift_gps
-from moflock_mj.simulation.random_numbers import Draws, Streams, draw, noise_of_beat
-from moflock_mj.world.state import World
+from moflock_mj.simulation.random_numbers import RandomBatch, RandomStreams, draw, noise_of_interval
+from moflock_mj.world.state import TrueState
 
 _OFF_THE_GROUND = 0.05
 """m above its stand, from which a body flies: below it its observer rests."""
@@ -28,36 +28,36 @@ itself for landed. For air that is true near the ground there is `[wind]`."""
 
 @entry_kernel
 def _advance(
-    plant: RigidBody,
-    world: World,
+    dynamics: RigidBody,
+    world: TrueState,
     desired: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
-    draws: Draws,
+    draws: RandomBatch,
     steps: int,
 ) -> None:
     """One beat of `steps` integration steps, or none."""
     if steps > 0:
-        advance(plant, world, desired, velocity_error, noise_of_beat(draws, 0, steps), steps)
+        advance(dynamics, world, desired, velocity_error, noise_of_interval(draws, 0, steps), steps)
 
 
 @entry_kernel
 def _fix(
-    plant: RigidBody, model: SensorModel, state: SensorState, gps: NDArray[np.float64], fix: NDArray[np.float64]
+    dynamics: RigidBody, model: SensorModel, state: SensorState, gps: NDArray[np.float64], fix: NDArray[np.float64]
 ) -> None:
     """One GPS fix: the errors drift, and the bodies' estimators take note of it."""
     drift_gps(model, state, gps)
-    take_fix(plant, state.velocity_error[0], fix)
+    take_fix(dynamics, state.velocity_error[0], fix)
 
 
-class LiveBodies:
+class RealtimeBodies:
     """N bodies that stand on the ground until their rotors turn.
 
     Args:
         scenario: airframe, response, bounds, noise, air and GPS errors.
         places: (N, 2), m, world, where they stand.
         streams: of all random numbers.
-        beat: integration steps between two changes of the air, and the unit in which they are advanced.
-        piloted: whether our controllers fly them; else the caller writes `thrust_command`.
+        interval: integration steps between two changes of the air, and the unit in which they are advanced.
+        controlled: whether our controllers fly them; else the caller writes `thrust_command`.
 
     Attributes:
         desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next two.
@@ -79,29 +79,31 @@ class LiveBodies:
         self,
         scenario: Scenario,
         places: NDArray[np.float64],
-        streams: Streams,
-        beat: int = 4,
+        streams: RandomStreams,
+        interval: int = 4,
         *,
-        piloted: bool = True,
+        controlled: bool = True,
     ) -> None:
         drones = len(places)
         if scenario.faults:
             raise ScenarioError("faults: live bodies have none of a scenario: take them out; a fleet has its own")
         self.step = scenario.step_for("rigid_body")
-        self._world = World.at_rest(drones)
+        self._world = TrueState.at_rest(drones)
         self._world.position[:2] = places.T
-        self._beat, self._scenario = beat, scenario.replace(drones=drones)
-        wind = make_wind(self._scenario, beat * self.step, streams.wind)
-        flock = RigidBodyFlock(self._scenario, self.step, beat, self._world, wind, Off(), piloted=piloted)
-        self._flock = flock  # keeps alive what the plant points to
-        self._plant = plant = flock.plant
+        self._beat, self._scenario = interval, scenario.replace(drones=drones)
+        wind = make_wind(self._scenario, interval * self.step, streams.wind)
+        simulation = RigidBodyModel(
+            self._scenario, self.step, interval, self._world, wind, Off(), controlled=controlled
+        )
+        self._simulation = simulation  # keeps alive what the plant points to
+        self._dynamics = dynamics = simulation.dynamics
         self._streams = streams
-        self.ground, self.radius = flock.airframe.half_height, flock.airframe.radius
-        plant.qpos[:, 2] = self.ground
-        plant.thrust[:] = 0
-        plant.altitude[:] = self.ground
-        plant.thrust_command[:] = 0
-        plant.stopped[:] = piloted
+        self.ground, self.radius = simulation.airframe.half_height, simulation.airframe.radius
+        dynamics.qpos[:, 2] = self.ground
+        dynamics.thrust[:] = 0
+        dynamics.altitude[:] = self.ground
+        dynamics.thrust_command[:] = 0
+        dynamics.stopped[:] = controlled
         self.desired = np.zeros((2, drones))
         self._sensors = SensorModel(
             t_gps=scenario.t_gps,
@@ -116,21 +118,21 @@ class LiveBodies:
         # What a vehicle tells others is what it reads itself: the first of the two processes does for both.
         self.position_error = self._sensor_state.position_error[0]
         self.velocity_error = self._sensor_state.velocity_error[0]
-        self.altitude = plant.altitude
-        self.stopped = plant.stopped
-        self.thrust_command = plant.thrust_command
-        self.airframe = flock.airframe
-        self._advance_beat(0)  # compiles, so that the first real step takes no longer than the others
+        self.altitude = dynamics.altitude
+        self.stopped = dynamics.stopped
+        self.thrust_command = dynamics.thrust_command
+        self.airframe = simulation.airframe
+        self._advance_interval(0)  # compiles, so that the first real step takes no longer than the others
 
     @property
     def qpos(self) -> NDArray[np.float64]:
         """(N, 7), position m world, quaternion w x y z; to be read."""
-        return self._plant.qpos
+        return self._dynamics.qpos
 
     @property
     def qvel(self) -> NDArray[np.float64]:
         """(N, 6), velocity m/s world, body rates rad/s body; to be read."""
-        return self._plant.qvel
+        return self._dynamics.qvel
 
     def advance(self, steps: int) -> None:
         """Move all bodies by some integration steps, in whole beats, and their GPS errors once in t_gps.
@@ -141,18 +143,18 @@ class LiveBodies:
         if steps % self._beat:
             raise ValueError(f"steps: {steps} must be a multiple of the beat, {self._beat}")
         for _ in range(steps // self._beat):
-            self._advance_beat(self._beat)
+            self._advance_interval(self._beat)
 
-    def _advance_beat(self, steps: int) -> None:
+    def _advance_interval(self, steps: int) -> None:
         self._steps_to_fix -= steps
         fix_due = self._steps_to_fix <= 0
-        draws = draw(self._streams, self._scenario, "rigid_body", ticks=int(fix_due), beats=1, steps=steps)
+        draws = draw(self._streams, self._scenario, "rigid_body", ticks=int(fix_due), intervals=1, steps=steps)
         height = self.qpos[:, 2] - self.ground
         draws.outer[:] *= np.clip(height / _SHELTERED, 0.0, 1.0)
         standing = height < _OFF_THE_GROUND
         # An observer that felt the ground would take it for an updraught, and sag after take-off.
-        self._plant.observer[standing] = 0
+        self._dynamics.observer[standing] = 0
         if fix_due:
             self._steps_to_fix += self._steps_per_fix
-            _fix(self._plant, self._sensors, self._sensor_state, draws.gps[0], draws.fix)
-        _advance(self._plant, self._world, self.desired, self.velocity_error, draws, steps)
+            _fix(self._dynamics, self._sensors, self._sensor_state, draws.gps[0], draws.fix)
+        _advance(self._dynamics, self._world, self.desired, self.velocity_error, draws, steps)

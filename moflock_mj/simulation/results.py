@@ -11,12 +11,12 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import RenderError
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness
 from moflock_mj.metrics.order_parameters import OrderParameters
-from moflock_mj.metrics.samples import Record, Samples
+from moflock_mj.metrics.samples import SampleBuffer, Samples
 from moflock_mj.metrics.tracking import MotionFigures
 from moflock_mj.scenario.scenario import Scenario
 
@@ -36,7 +36,7 @@ Progress = Callable[[float, Fitness], None]
 """Told, now and then, the simulated time in s and the running fitness."""
 
 
-class Follower(Protocol):
+class FlightObserver(Protocol):
     """Something that is told of a flight while it is flown: its log, a live view."""
 
     @property
@@ -48,11 +48,11 @@ class Follower(Protocol):
         """Keep the whole state, if that is due: before the first samples and after each chunk."""
         ...
 
-    def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
+    def write(self, time_ns: NDArray[np.int64], record: SampleBuffer, events: list[FlightEvent]) -> None:
         """Take some samples and the events in them."""
         ...
 
-    def finish(self, record: Record) -> None:
+    def finish(self, record: SampleBuffer) -> None:
         """Take note of the flight's end, at the last of these samples."""
         ...
 
@@ -101,7 +101,7 @@ class AnyFlight:
         log: where it is logged, or None.
     """
 
-    params: FlockingParams
+    params: VasarhelyiParams
     scenario: Scenario
     dynamics: str
     seed: int

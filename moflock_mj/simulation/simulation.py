@@ -7,25 +7,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.interface import Sensed, SpeedLimits
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.interface import Observation, SpeedLimits
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.point_mass import LatePointMass, WindyPointMass, make_point_masses
-from moflock_mj.effects.fault_injection import Breakdown, make_breakdown
+from moflock_mj.effects.fault_injection import FaultSchedule, make_fault_schedule
 from moflock_mj.effects.wind import Wind, make_wind
 from moflock_mj.errors import FlightError, LogError, ScenarioError
-from moflock_mj.metrics.order_parameters import Tally, Yardstick, cluster_range
-from moflock_mj.metrics.samples import Record
+from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, cluster_range
+from moflock_mj.metrics.samples import SampleBuffer
 from moflock_mj.scenario.scenario import DEFAULT_STEP, Scenario
-from moflock_mj.scenario.schedule import Clocks
+from moflock_mj.scenario.schedule import Schedule
 from moflock_mj.sensing.gps import SensorModel, SensorState
-from moflock_mj.simulation.initial_state import start_world
-from moflock_mj.simulation.loop import Memory, Stages, fly_beats
-from moflock_mj.simulation.random_numbers import Draws, Streams, draw
+from moflock_mj.simulation.initial_state import make_initial_state
+from moflock_mj.simulation.loop import Components, SimulationState, run_intervals
+from moflock_mj.simulation.random_numbers import RandomBatch, RandomStreams, draw
 from moflock_mj.simulation.snapshot import generator_facts, pack, set_generator, unpack
 from moflock_mj.world.square import SquareArena
 
 
-class Flock:
+class Simulation:
     """A flight that has been built and not yet flown to its end.
 
     Args:
@@ -38,7 +38,7 @@ class Flock:
         MoflockError: the scenario cannot be flown with these dynamics.
     """
 
-    def __init__(self, params: FlockingParams, scenario: Scenario, dynamics: str, seed: int) -> None:
+    def __init__(self, params: VasarhelyiParams, scenario: Scenario, dynamics: str, seed: int) -> None:
         if dynamics not in DEFAULT_STEP:
             raise ScenarioError(f"dynamics: {dynamics!r} is unknown: it must be one of {', '.join(DEFAULT_STEP)}")
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
@@ -49,23 +49,23 @@ class Flock:
         self.dynamics = dynamics
         self.seed = int(seed)
         self.step = scenario.step_for(dynamics)
-        self.streams = Streams.of(self.seed)
-        clocks = Clocks.of(scenario, self.step)
-        world = start_world(scenario, self.streams.start)
+        self.streams = RandomStreams.of(self.seed)
+        schedule = Schedule.of(scenario, self.step)
+        world = make_initial_state(scenario, self.streams.start)
         self.body = None
-        self.wind = make_wind(scenario, clocks.steps_per_beat * self.step, self.streams.wind)
-        self.faults = make_breakdown(scenario, dynamics, self.step, clocks)
-        plant: NamedTuple
+        self.wind = make_wind(scenario, schedule.steps_per_interval * self.step, self.streams.wind)
+        self.faults = make_fault_schedule(scenario, dynamics, self.step, schedule)
+        model: NamedTuple
         if dynamics == "rigid_body":
-            from moflock_mj.dynamics.rigid_body import RigidBodyFlock  # noqa: PLC0415 - point masses fly without MuJoCo
+            from moflock_mj.dynamics.rigid_body import RigidBodyModel  # noqa: PLC0415 - point masses fly without MuJoCo
 
-            self.body = RigidBodyFlock(scenario, self.step, clocks.steps_per_beat, world, self.wind, self.faults)
-            plant = self.body.plant
+            self.body = RigidBodyModel(scenario, self.step, schedule.steps_per_interval, world, self.wind, self.faults)
+            model = self.body.dynamics
         else:
-            plant = make_point_masses(scenario, self.step, world, self.wind)
-        self.stages = Stages(
-            clocks=clocks,
-            plant=plant,
+            model = make_point_masses(scenario, self.step, world, self.wind)
+        self.components = Components(
+            schedule=schedule,
+            dynamics=model,
             params=params,
             limits=SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max),
             arena=arena,
@@ -77,34 +77,34 @@ class Flock:
                 packet_loss=scenario.packet_loss_ratio / scenario.packet_loss_distance**2,
             ),
             faults=self.faults,
-            yardstick=Yardstick(cluster_range(params, scenario.v_flock), scenario.r_coll),
+            ranges=MetricRanges(cluster_range(params, scenario.v_flock), scenario.r_coll),
         )
-        kept = self.faults.kept if isinstance(self.faults, Breakdown) else 0
-        self.memory = Memory(
+        kept = self.faults.kept if isinstance(self.faults, FaultSchedule) else 0
+        self.memory = SimulationState(
             world=world,
             desired=np.zeros((2, scenario.drones)),
-            sensor_state=SensorState.at_start(world, clocks.ticks_late + kept),
-            sensed=Sensed.empty(scenario.drones, arena.walls, kept),
-            tally=Tally.empty(scenario.drones, arena.walls),
+            sensor_state=SensorState.at_start(world, schedule.ticks_late + kept),
+            observation=Observation.empty(scenario.drones, arena.walls, kept),
+            accumulator=MetricAccumulator.empty(scenario.drones, arena.walls),
         )
-        self.beat = 0
+        self.interval = 0
         """Beats flown so far."""
 
     @property
     def time(self) -> float:
         """Simulated time flown so far, s."""
-        return self.beat * self.stages.clocks.steps_per_beat * self.step
+        return self.interval * self.components.schedule.steps_per_interval * self.step
 
     @property
     def samples(self) -> int:
         """Samples taken so far, with that of the start."""
-        return self.beat // self.stages.clocks.sample_every + 1 if self.beat else 0
+        return self.interval // self.components.schedule.sample_every + 1 if self.interval else 0
 
     @property
     def finished(self) -> bool:
-        return self.beat >= self.stages.clocks.beats
+        return self.interval >= self.components.schedule.intervals
 
-    def fly(self, seconds: float, *, whole_states: bool = False) -> Record:
+    def fly(self, seconds: float, *, whole_states: bool = False) -> SampleBuffer:
         """Fly on for `seconds` of simulated time (at least a beat), or to the flight's end if that is sooner.
 
         Args:
@@ -117,25 +117,25 @@ class Flock:
         Raises:
             FlightError: a state is no longer finite.
         """
-        clocks = self.stages.clocks
-        wanted = max(round(seconds / (clocks.steps_per_beat * self.step)), 1)
-        count = min(wanted, clocks.beats - self.beat)
-        end = self.beat + count
-        samples = end // clocks.sample_every - self.beat // clocks.sample_every + (self.beat == 0)
-        record = Record.empty(samples, samples if whole_states else 0, self.scenario.drones)
-        fly_beats(self.stages, self.memory, self._draw(count), record, self.beat, count)
-        self.beat = end
+        schedule = self.components.schedule
+        wanted = max(round(seconds / (schedule.steps_per_interval * self.step)), 1)
+        count = min(wanted, schedule.intervals - self.interval)
+        end = self.interval + count
+        samples = end // schedule.sample_every - self.interval // schedule.sample_every + (self.interval == 0)
+        record = SampleBuffer.empty(samples, samples if whole_states else 0, self.scenario.drones)
+        run_intervals(self.components, self.memory, self._draw(count), record, self.interval, count)
+        self.interval = end
         if not np.isfinite(self.memory.world.position).all():
             drone = int(np.argmin(np.isfinite(self.memory.world.position).all(axis=0)))
             raise FlightError(f"drone {drone}: its state is no longer finite before {self.time:g} s")
         return record
 
-    def _draw(self, beats: int) -> Draws:
+    def _draw(self, intervals: int) -> RandomBatch:
         """Random numbers for the next beats, the same however a flight is cut into calls."""
-        clocks = self.stages.clocks
-        ticks = -(-(self.beat + beats) // clocks.sense_every) - -(-self.beat // clocks.sense_every)
-        steps = beats * clocks.steps_per_beat
-        return draw(self.streams, self.scenario, self.dynamics, ticks=ticks, beats=beats, steps=steps)
+        schedule = self.components.schedule
+        ticks = -(-(self.interval + intervals) // schedule.sense_every) - -(-self.interval // schedule.sense_every)
+        steps = intervals * schedule.steps_per_interval
+        return draw(self.streams, self.scenario, self.dynamics, ticks=ticks, intervals=intervals, steps=steps)
 
     @property
     def touched_with(self) -> NDArray[np.int64] | None:
@@ -144,13 +144,13 @@ class Flock:
         Point masses touch nothing but the ground, when they are switched off.
         """
         if self.body:
-            return self.body.plant.extremes.touch_with
+            return self.body.dynamics.statistics.touch_with
         return np.full(self.scenario.drones, -1) if self.scenario.faults else None
 
     def snapshot(self) -> bytes:
         """The whole state, from which `restore` goes on bit by bit."""
         facts = {name: generator_facts(rng) for name, rng in self.streams._asdict().items()}
-        return pack(self._arrays(), {"beat": self.beat, "streams": facts})
+        return pack(self._arrays(), {"beat": self.interval, "streams": facts})
 
     def restore(self, snapshot: bytes) -> None:
         """Go to a state that a flock of the same scenario and dynamics was in.
@@ -162,8 +162,12 @@ class Flock:
         arrays = self._arrays()
         if {n: (a.dtype, a.shape) for n, a in stored.items()} != {n: (a.dtype, a.shape) for n, a in arrays.items()}:
             raise LogError("state: of another scenario or other dynamics")
-        beat, streams = facts.get("beat"), facts.get("streams")
-        if not isinstance(beat, int) or not 0 <= beat <= self.stages.clocks.beats or not isinstance(streams, dict):
+        interval, streams = facts.get("beat"), facts.get("streams")
+        if (
+            not isinstance(interval, int)
+            or not 0 <= interval <= self.components.schedule.intervals
+            or not isinstance(streams, dict)
+        ):
             raise LogError("state: not a snapshot of a flight")
         for name, rng in self.streams._asdict().items():
             set_generator(rng, streams.get(name))
@@ -171,7 +175,7 @@ class Flock:
             array[...] = stored[name]
         if self.body:
             self.body.load_mujoco(stored["mujoco"])
-        self.beat = beat
+        self.interval = interval
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         """Every array that changes in flight, by name, but for what is sensed anew before it is used."""
@@ -179,16 +183,16 @@ class Flock:
         rooms: dict[str, Any] = {
             "world": memory.world,
             "sensor": memory.sensor_state,
-            "tally": memory.tally,
+            "tally": memory.accumulator,
         }
         if isinstance(self.wind, Wind):
             rooms["wind"] = self.wind
-        plant = self.stages.plant
-        if isinstance(plant, LatePointMass):
-            rooms["delay"], plant = plant, plant.response
-        if isinstance(plant, WindyPointMass):
-            rooms["point_mass"] = plant
-        if isinstance(self.faults, Breakdown):
+        model = self.components.dynamics
+        if isinstance(model, LatePointMass):
+            rooms["delay"], model = model, model.response
+        if isinstance(model, WindyPointMass):
+            rooms["point_mass"] = model
+        if isinstance(self.faults, FaultSchedule):
             rooms["faults"] = self.faults.memory
         named = {
             f"{room}.{name}": array

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.airframe import ROTORS
-from moflock_mj.sitl.interface import STILL, Link, Reading, listening
+from moflock_mj.sitl.interface import STILL, AutopilotInterface, Reading, listening
 from moflock_mj.sitl.motors import outputs_of_pwm
 
 BASE_PORT = 9002
@@ -92,7 +92,7 @@ def sensor_line(since: float, reading: Reading, drone: int) -> bytes:
     ).encode()
 
 
-class ArduPilotLink(Link):
+class ArduPilotLink(AutopilotInterface):
     """The physics' side of one ArduPilot."""
 
     def __init__(self, number: int) -> None:

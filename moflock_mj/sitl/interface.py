@@ -51,7 +51,7 @@ class Counts:
     restarts: int = 0
 
 
-class Link(abc.ABC):
+class AutopilotInterface(abc.ABC):
     """One autopilot's side of the lock-step.
 
     Args:

@@ -16,15 +16,15 @@ import numpy as np
 from controllers.airframe import ROTORS
 from moflock_mj.errors import FleetError, FlightError
 from moflock_mj.mavlink.frames import Origin
-from moflock_mj.scenario.effect_configs import Imu
+from moflock_mj.scenario.effect_configs import ImuConfig
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.initial_state import grid
-from moflock_mj.simulation.random_numbers import Streams
-from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.simulation.random_numbers import RandomStreams
+from moflock_mj.simulation.realtime_bodies import RealtimeBodies
 from moflock_mj.sitl import ardupilot_json, px4_hil
-from moflock_mj.sitl.interface import STILL, Link, Reading
+from moflock_mj.sitl.interface import STILL, AutopilotInterface, Reading
 from moflock_mj.sitl.motors import CURVE, Motors
-from moflock_mj.sitl.sensors import Sensors
+from moflock_mj.sitl.sensors import SimulatedSensors
 
 PATIENCE = 5.0
 """s of wall time that the world waits for one autopilot."""
@@ -51,7 +51,7 @@ class Interface:
         substeps: integration steps in one exchange.
     """
 
-    link: Callable[[int], Link]
+    link: Callable[[int], AutopilotInterface]
     base_port: int
     port_step: int
     rate: int
@@ -166,14 +166,16 @@ class LockStep:
             step=self.period / interface.substeps, imu=None, drones=plan.vehicles,
             duration=1e6, sample_period=0.1, warm_up=0.0, t_del=0.0,
         )  # fmt: skip
-        streams = Streams.of(plan.seed)
+        streams = RandomStreams.of(plan.seed)
         places = grid(plan.vehicles, plan.spacing)
         self._substeps = interface.substeps
-        self.bodies = LiveBodies(scenario, places, streams, interface.substeps, piloted=False)
+        self.bodies = RealtimeBodies(scenario, places, streams, interface.substeps, controlled=False)
         if 2 * self.bodies.radius >= plan.spacing:
             raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
         self._motors = Motors(self.bodies.airframe, CURVE[plan.autopilot])
-        self._sensors = Sensors(self.bodies, plan.scenario.imu or Imu(), self.period, plan.origin, streams)
+        self._sensors = SimulatedSensors(
+            self.bodies, plan.scenario.imu or ImuConfig(), self.period, plan.origin, streams
+        )
         self.links = [interface.link(number) for number in range(plan.vehicles)]
         self._outputs = np.zeros((plan.vehicles, ROTORS))
         self._notice, self._ended = notice, ended
@@ -281,7 +283,7 @@ class LockStep:
                 link.receive(min(_GLANCE, self.plan.patience))
         return True
 
-    def _glance(self, link: Link) -> None:
+    def _glance(self, link: AutopilotInterface) -> None:
         """Look, now and then, whether one that was left behind speaks again."""
         if self._exchanges % round(_ABSENT_GLANCE / self.period):
             return

@@ -58,7 +58,7 @@ def fill_command(template: str, values: dict[str, Any]) -> list[str]:
     return words
 
 
-class Programs:
+class Processes:
     """Running programs; a context manager that ends them.
 
     Args:
@@ -103,7 +103,7 @@ class Programs:
         while any(program.poll() is None for program in self._running) and time.monotonic() < deadline:
             time.sleep(0.02)
 
-    def __enter__(self) -> Programs:
+    def __enter__(self) -> Processes:
         return self
 
     def __exit__(self, *error: object) -> None:

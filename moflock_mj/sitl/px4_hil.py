@@ -15,7 +15,7 @@ from typing import Any
 
 from controllers.airframe import ROTORS
 from moflock_mj.mavlink.dialect import Message, mavlink
-from moflock_mj.sitl.interface import STILL, Link, Reading, listening
+from moflock_mj.sitl.interface import STILL, AutopilotInterface, Reading, listening
 from moflock_mj.sitl.sensors import Surroundings
 
 BASE_PORT = 4560
@@ -41,7 +41,7 @@ _REPEAT = 0.5
 """s without an answer after which the same is sent again: PX4 may have passed over it as it started modules."""
 
 
-class Px4Link(Link):
+class Px4Link(AutopilotInterface):
     """The physics' side of one PX4."""
 
     def __init__(self, number: int) -> None:

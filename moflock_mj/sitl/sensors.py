@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moflock_mj.mavlink.frames import Origin
-from moflock_mj.scenario.effect_configs import Imu
-from moflock_mj.simulation.random_numbers import Streams
-from moflock_mj.simulation.realtime_bodies import LiveBodies
+from moflock_mj.scenario.effect_configs import ImuConfig
+from moflock_mj.simulation.random_numbers import RandomStreams
+from moflock_mj.simulation.realtime_bodies import RealtimeBodies
 from moflock_mj.world.constants import GRAVITY
 
 DECLINATION = math.radians(3.41)
@@ -75,8 +75,8 @@ class Surroundings(NamedTuple):
     pressure_altitude: NDArray[np.float64]
 
 
-class Sensors:
-    """The sensors of all drones, with the noise of `Imu`.
+class SimulatedSensors:
+    """The sensors of all drones, with the noise of `ImuConfig`.
 
     Args:
         bodies: whose they are.
@@ -86,7 +86,9 @@ class Sensors:
         streams: `inertial` and `walk` are for gyroscope and accelerometer, `fix` for magnetometer and barometer.
     """
 
-    def __init__(self, bodies: LiveBodies, imu: Imu, period: float, origin: Origin, streams: Streams) -> None:
+    def __init__(
+        self, bodies: RealtimeBodies, imu: ImuConfig, period: float, origin: Origin, streams: RandomStreams
+    ) -> None:
         self._bodies, self._imu, self._period, self._origin = bodies, imu, period, origin
         self._noise, self._walk, self._fix = streams.inertial, streams.walk, streams.fix
         drones = len(bodies.qpos)

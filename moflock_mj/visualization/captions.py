@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.parameters.points import named_point, point_names
 from moflock_mj.simulation.results import AnyFlight, kept_samples
 
@@ -41,7 +41,7 @@ def figures(flight: AnyFlight) -> str:
     return f"F_1 = {flight.fitness.F_1:.3f}, F_2 = {flight.fitness.F_2:.3f}; {wrong}"
 
 
-def _point_name(params: FlockingParams) -> str:
+def _point_name(params: VasarhelyiParams) -> str:
     """A named point, or none of them."""
     names = [name for name in point_names() if named_point(name) == params[:12]]
     return f"point {names[0]}" if names and len(names[0]) == 1 else names[0] if names else "own point"

@@ -32,13 +32,13 @@ from moflock_mj.world.square import SquareArena
 FORMATS = (".png", ".svg", ".pdf")
 """The file name's endings, which choose the format."""
 
-_MOST_FLIGHTS = 2
+_MAX_FLIGHTS = 2
 _DOTS_PER_INCH = 150
 
 _LIMIT = "#555555"
 _DANGER = "#d00000"
 
-_MOST_CORNERS = 1200
+_MAX_CORNERS = 1200
 """Corners of one drone's trajectory; more of them cannot be told apart on the map."""
 
 _TAIL_SECONDS = 15.0
@@ -82,7 +82,7 @@ def feasible_maxima(scenario: Scenario) -> OrderParameters:
     )
 
 
-def draw_picture(flights: AnyFlight | Sequence[AnyFlight], out: str | os.PathLike[str]) -> None:
+def save_flight_figure(flights: AnyFlight | Sequence[AnyFlight], out: str | os.PathLike[str]) -> None:
     """Draw one flight, or two beside each other.
 
     Args:
@@ -96,8 +96,8 @@ def draw_picture(flights: AnyFlight | Sequence[AnyFlight], out: str | os.PathLik
     form = Path(out).suffix.lower()
     if form not in FORMATS:
         raise RenderError(f"picture {out}: its name ends in {form!r}, must be one of {', '.join(FORMATS)}")
-    if not 1 <= len(flights) <= _MOST_FLIGHTS:
-        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MOST_FLIGHTS}")
+    if not 1 <= len(flights) <= _MAX_FLIGHTS:
+        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MAX_FLIGHTS}")
     with rc_context(STYLE), new_file(out) as place:
         undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(form)
         flight_figure(flights).savefig(place, dpi=_DOTS_PER_INCH, metadata=undated)
@@ -147,7 +147,7 @@ def _draw_trajectories(axes: Axes, scenario: Scenario, samples: Samples, colour:
     # Viridis without its yellow end, which is too faint on paper; or from grey to the flight's own colour.
     tones = colormaps["viridis"](np.linspace(0.85, 0, 64)) if colour is None else ["#d4d4d4", colour]
     shades = LinearSegmentedColormap.from_list("time", tones)
-    every = max(1, -(-samples.t.size // _MOST_CORNERS))
+    every = max(1, -(-samples.t.size // _MAX_CORNERS))
     tail = samples.t >= samples.t[-1] - min(_TAIL_SECONDS, 0.25 * samples.t[-1])
     lines = _lines_in_time(samples.t[::every], samples.position[::every, :, :2], 0.7, 0.45, shades)
     lines.set_clim(samples.t[0], max(samples.t[-1], samples.t[0] + 1e-3))

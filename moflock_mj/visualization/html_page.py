@@ -20,7 +20,7 @@ from moflock_mj.visualization.captions import conditions, figures, flight_names
 from moflock_mj.visualization.colours import LegendEntry
 from moflock_mj.visualization.playback import Playback, Track, playback_of
 
-_MOST_FRAMES = 3000
+_MAX_FRAMES = 3000
 """Frames of a page; a longer flight is shown at fewer frames a second."""
 
 _MARKER_SHARE = 1 / 28
@@ -82,7 +82,7 @@ def _record(playback: Playback) -> str:
 def frame_times(playback: Playback) -> NDArray[np.float64]:
     """Times of the frames, s: those of the samples, or as many as a page should have."""
     samples = max(track.t.size for track in playback.tracks)
-    return np.linspace(playback.begin, playback.end, min(samples, _MOST_FRAMES))
+    return np.linspace(playback.begin, playback.end, min(samples, _MAX_FRAMES))
 
 
 class _Flock:

@@ -19,8 +19,8 @@ from moflock_mj.log.flight_logger import sample_block
 from moflock_mj.log.scene_encoder import arena_points, scene
 from moflock_mj.log.schemas import CHANNELS, metrics_record, points_record, schema_of, timestamps, transforms_record
 from moflock_mj.metrics.events import FlightEvent
-from moflock_mj.metrics.samples import Record
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.metrics.samples import SampleBuffer
+from moflock_mj.simulation.simulation import Simulation
 
 HOST = "127.0.0.1"
 PORT = 8765
@@ -36,7 +36,7 @@ class LiveServer:
     Samples are shown when they are due: the flight waits for the clock. Nothing is encoded as long as nobody watches.
 
     Args:
-        flock: what it follows.
+        simulation: what it follows.
         port: where it listens on 127.0.0.1; 0 lets the system choose.
         speed: simulated seconds in a second; infinite for as fast as can be.
 
@@ -44,13 +44,13 @@ class LiveServer:
         RenderError: foxglove-sdk is not installed, the port is taken, or the speed is not above 0.
     """
 
-    def __init__(self, flock: Flock, *, port: int = PORT, speed: float = 1.0) -> None:
+    def __init__(self, simulation: Simulation, *, port: int = PORT, speed: float = 1.0) -> None:
         if not speed > 0:
             raise RenderError(f"live speed: {speed:g} given, must be above 0")
         foxglove = _foxglove()
-        self._flock, self._speed = flock, speed
-        drones, scenario = flock.scenario.drones, flock.scenario
-        outline, radius = flock.arena.outline(), load_airframe(scenario.airframe).radius
+        self._simulation, self._speed = simulation, speed
+        drones, scenario = simulation.scenario.drones, simulation.scenario
+        outline, radius = simulation.arena.outline(), load_airframe(scenario.airframe).radius
         self._still = {
             "/scene": scene(outline, scenario.altitude, drones, radius).SerializeToString(),
             "/arena": arena_points(outline, scenario.altitude).SerializeToString(),
@@ -82,7 +82,7 @@ class LiveServer:
         """Whether somebody is connected and watches, so that the next samples are to be flown with whole states."""
         return any(channel.has_sinks() for channel in self._channels.values())
 
-    def write(self, time_ns: NDArray[np.int64], record: Record, events: list[FlightEvent]) -> None:
+    def write(self, time_ns: NDArray[np.int64], record: SampleBuffer, events: list[FlightEvent]) -> None:
         """Show some samples and the events in them, each when it is due.
 
         Args:
@@ -93,12 +93,12 @@ class LiveServer:
         if math.isnan(self._began):
             self._began = time.monotonic() - int(time_ns[0]) * 1e-9 / self._speed
         if len(record.qpos):
-            self._show(sample_block(time_ns, record, self._flock.scenario), events)
+            self._show(sample_block(time_ns, record, self._simulation.scenario), events)
         else:
             self._await(int(time_ns[-1]))
         self._ticks += len(time_ns)
 
-    def finish(self, record: Record) -> None:
+    def finish(self, record: SampleBuffer) -> None:
         """Nothing: all has been shown."""
 
     def store_state(self) -> None:
@@ -122,7 +122,7 @@ class LiveServer:
             self._await(time_ns)
             self._server.broadcast_time(time_ns)
             while waiting and waiting[0].time_ns <= time_ns:
-                message = event_message(waiting[0], self._flock.scenario.drones)
+                message = event_message(waiting[0], self._simulation.scenario.drones)
                 self._channels["/log"].log(message, log_time=waiting.popleft().time_ns)
             for topic, encoded in messages.items():
                 self._channels[topic].log(encoded[k], log_time=time_ns)

@@ -26,7 +26,7 @@ TRAIL_SECONDS = 10.0
 _TRAIL_PERIOD = 0.5
 """Time between two corners of a trail, s; they stay where they are, so that a trail does not shimmer as it grows."""
 
-_MOST_FLIGHTS = 2
+_MAX_FLIGHTS = 2
 _TRACK_ARRAYS = ("t", "position", "quaternion", "velocity", "rgb", "objectives")
 
 
@@ -225,8 +225,8 @@ def playback_of(
 
 def _check_flights(flights: list[Recorded]) -> list[Samples]:
     """The samples of flights that can be drawn together."""
-    if not 1 <= len(flights) <= _MOST_FLIGHTS:
-        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MOST_FLIGHTS}")
+    if not 1 <= len(flights) <= _MAX_FLIGHTS:
+        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MAX_FLIGHTS}")
     sides = {flight.scenario.arena_side for flight in flights}
     if len(sides) > 1:
         first, second = (f"{flight.scenario.arena_side:g} m" for flight in flights)

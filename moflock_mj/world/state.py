@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class World(NamedTuple):
+class TrueState(NamedTuple):
     """True positions and velocities of N drones; one contiguous row per axis, so that loops over drones vectorise.
 
     Attributes:
@@ -23,6 +23,6 @@ class World(NamedTuple):
     touched: NDArray[np.uint8]
 
     @classmethod
-    def at_rest(cls, drones: int) -> World:
+    def at_rest(cls, drones: int) -> TrueState:
         """All drones at the origin."""
         return cls(np.zeros((3, drones)), np.zeros((3, drones)), np.zeros(drones, np.uint8))

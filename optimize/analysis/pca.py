@@ -21,8 +21,8 @@ from moflock_mj.errors import SearchError
 from moflock_mj.parameters.bounds import Bounds
 from moflock_mj.scenario.scenario import Scenario
 from optimize.analysis.published_results import COVARIANCE, FIRST_COMPONENT
-from optimize.evaluation.batch import Told, check_counts, fly_points
-from optimize.evaluation.interface import Flier
+from optimize.evaluation.batch import ProgressCallback, check_counts, evaluate_batch
+from optimize.evaluation.interface import Evaluator
 from optimize.evaluation.objectives import FITNESS_NAMES, Objectives
 
 SAMPLINGS = ("uniform", "latin_hypercube")
@@ -116,13 +116,13 @@ def random_points(
 
 
 def study(
-    executor: Flier,
+    executor: Evaluator,
     bounds: Bounds,
     *,
     points: int = 500,
     seed: int = 1,
     sampling: str = "uniform",
-    told: Told | None = None,
+    told: ProgressCallback | None = None,
 ) -> tuple[PrincipalComponents, NDArray[np.float64]]:
     """Fly random points, once each and on a seed of its own, and analyse their fitnesses, as the paper does.
 
@@ -143,7 +143,7 @@ def study(
     rng = np.random.default_rng(seed)
     chosen = random_points(bounds, points, rng, sampling)
     seeds = rng.integers(1, 2**31, (points, 1))
-    flown = fly_points(executor, chosen, seeds.tolist(), told)
+    flown = evaluate_batch(executor, chosen, seeds.tolist(), told)
     if flown.failed.any():
         raise SearchError(f"points: {int(flown.failed.sum())} of {points} flights failed; must be none")
     fitness = flown.fitness[:, 0]

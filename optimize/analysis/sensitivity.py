@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
 from moflock_mj.parameters.bounds import Bounds
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.simulation.simulation import Flock
-from optimize.evaluation.batch import Told, check_counts, fly_points
+from moflock_mj.simulation.simulation import Simulation
+from optimize.evaluation.batch import ProgressCallback, check_counts, evaluate_batch
 from optimize.evaluation.evaluation import search_scenario
-from optimize.evaluation.interface import Flier
+from optimize.evaluation.interface import Evaluator
 from optimize.evaluation.objectives import FITNESS_NAMES
 
 SAMPLES = 64
@@ -70,13 +70,13 @@ class OneAtATime(NamedTuple):
 
 
 def one_at_a_time(
-    executor: Flier,
-    point: FlockingParams,
+    executor: Evaluator,
+    point: VasarhelyiParams,
     bounds: Bounds,
     *,
     seeds: tuple[int, ...],
     levels: int = LEVELS,
-    told: Told | None = None,
+    told: ProgressCallback | None = None,
 ) -> OneAtATime:
     """Fly a point with each parameter at even levels between its bounds, on the same seeds.
 
@@ -88,12 +88,12 @@ def one_at_a_time(
     points = np.tile(np.array(point), (len(values), levels, 1))
     for number, row in enumerate(values):
         points[number, :, number] = row
-    flown = fly_points(executor, points.reshape(-1, len(point)), [seeds] * (len(values) * levels), told)
+    flown = evaluate_batch(executor, points.reshape(-1, len(point)), [seeds] * (len(values) * levels), told)
     return OneAtATime(values, flown.fitness.reshape(len(values), levels, len(seeds), -1))
 
 
 def sobol_indices(
-    executor: Flier, bounds: Bounds, *, samples: int = SAMPLES, seed: int = 1, told: Told | None = None
+    executor: Evaluator, bounds: Bounds, *, samples: int = SAMPLES, seed: int = 1, told: ProgressCallback | None = None
 ) -> SobolIndices:
     """Fly Saltelli's design over the bounds, one flight per point, all on the same seed.
 
@@ -107,12 +107,12 @@ def sobol_indices(
     from SALib.sample import sobol as design  # noqa: PLC0415
 
     problem = {
-        "num_vars": len(FlockingParams._fields),
-        "names": list(FlockingParams._fields),
+        "num_vars": len(VasarhelyiParams._fields),
+        "names": list(VasarhelyiParams._fields),
         "bounds": list(zip(bounds.lower, bounds.upper, strict=True)),
     }
     points = design.sample(problem, samples, calc_second_order=False, seed=seed)
-    flown = fly_points(executor, points, [(seed,)] * len(points), told)
+    flown = evaluate_batch(executor, points, [(seed,)] * len(points), told)
     return _analysed(problem, flown.fitness[:, 0, : len(FITNESS_NAMES)], seed)
 
 
@@ -146,7 +146,7 @@ def _analysed(problem: dict[str, Any], fitness: NDArray[np.float64], seed: int) 
 
 
 def swept_scenarios(
-    point: FlockingParams, scenario: Scenario, field: str, values: Sequence[float], dynamics: str
+    point: VasarhelyiParams, scenario: Scenario, field: str, values: Sequence[float], dynamics: str
 ) -> list[Scenario]:
     """The scenario with a field at each of the values, in which the point can be flown.
 
@@ -155,19 +155,19 @@ def swept_scenarios(
     """
     found = [search_scenario(scenario.replace(**{field: value}), dynamics) for value in values]
     for flown in found:
-        Flock(point, flown, dynamics, seed=0)
+        Simulation(point, flown, dynamics, seed=0)
     return found
 
 
 def sweep(
-    executor: Flier,
-    point: FlockingParams,
+    executor: Evaluator,
+    point: VasarhelyiParams,
     field: str,
     values: Sequence[float],
     *,
     variants: Sequence[int],
     seeds: tuple[int, ...],
-    told: Told | None = None,
+    told: ProgressCallback | None = None,
 ) -> Sweep:
     """Fly a point in scenarios that differ in a field, on the same seeds.
 
@@ -181,5 +181,5 @@ def sweep(
         told: of progress.
     """
     points = np.tile(np.array(point), (len(values), 1))
-    flown = fly_points(executor, points, [seeds] * len(values), told, variants)
+    flown = evaluate_batch(executor, points, [seeds] * len(values), told, variants)
     return Sweep(field, np.array(values, np.float64), flown.fitness)

@@ -14,9 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from moflock_mj.cli.console import stop_on_interrupt
-from optimize.evaluation.batch import Told as FlightsTold
+from optimize.evaluation.batch import ProgressCallback as FlightsTold
 from optimize.search.configuration import Configuration
-from optimize.search.front import FlownFront
+from optimize.search.front import ReevaluatedFront
 from optimize.search.search import Progress as Told
 from optimize.search.search import SearchProgress, SearchResult
 from optimize.validation.run import Terminal
@@ -88,7 +88,9 @@ def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str
     return "  ".join(parts)
 
 
-def print_search(result: SearchResult, configuration: Configuration, path: Path, front: FlownFront | None) -> None:
+def print_search(
+    result: SearchResult, configuration: Configuration, path: Path, front: ReevaluatedFront | None
+) -> None:
     """Print what a search found to stdout: its front as flown on fresh seeds, or, without it, as the search sees it."""
     console = Console()
     console.print(_flown_table(front) if front else _candidates_table(result, configuration))
@@ -96,7 +98,7 @@ def print_search(result: SearchResult, configuration: Configuration, path: Path,
         console.print(line, highlight=False, soft_wrap=True)
 
 
-def _flown_table(front: FlownFront) -> Table:
+def _flown_table(front: ReevaluatedFront) -> Table:
     """The points that remain, with their means and 95 % confidence intervals."""
     table = Table("point", *front.objectives.names, "flights that failed", title=f"on {len(front.seeds)} fresh seeds")
     for column in table.columns[1:]:
@@ -119,7 +121,7 @@ def _candidates_table(result: SearchResult, configuration: Configuration) -> Tab
     return table
 
 
-def _front_lines(front: FlownFront, path: Path) -> list[str]:
+def _front_lines(front: ReevaluatedFront, path: Path) -> list[str]:
     return [
         f"hypervolume on {len(front.seeds)} fresh seeds {front.hypervolume:.3f}; "
         f"{len(front.remaining)} of {len(front.points)} points remain",
@@ -128,13 +130,13 @@ def _front_lines(front: FlownFront, path: Path) -> list[str]:
     ]
 
 
-def objectives_line(front: FlownFront, number: int) -> str:
+def objectives_line(front: ReevaluatedFront, number: int) -> str:
     """The objectives of a point of the front, mean and standard deviation from flight to flight."""
     triples = zip(front.objectives.names, front.mean[number], front.deviation[number], strict=True)
     return ", ".join(f"{name} {mean:.3f} +- {spread:.3f}" for name, mean, spread in triples)
 
 
-def front_summary(front: FlownFront) -> dict[str, Any]:
+def front_summary(front: ReevaluatedFront) -> dict[str, Any]:
     """A front as flown on fresh seeds, as JSON values."""
     return {
         "hypervolume": front.hypervolume,

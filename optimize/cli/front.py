@@ -15,7 +15,7 @@ from moflock_mj.errors import SearchError
 from optimize.cli.options import CORES, FrontSeeds, RunPath, Scheduler, Workers, numbers_of
 
 if TYPE_CHECKING:
-    from optimize.search.front import FlownFront
+    from optimize.search.front import ReevaluatedFront
 
 commands = typer.Typer()
 
@@ -135,7 +135,7 @@ def report(
     return 0
 
 
-def _front_of(run: Path, seeds: int | None, workers: int) -> FlownFront:
+def _front_of(run: Path, seeds: int | None, workers: int) -> ReevaluatedFront:
     from optimize.cli.console import flights_progress
     from optimize.evaluation.executors import make_executor
     from optimize.search.findings import flown_front

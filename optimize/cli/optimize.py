@@ -152,14 +152,14 @@ def optimize(
     from optimize.cli.console import flights_progress, front_summary, print_search, search_progress, search_summary
     from optimize.search.findings import flown_front
     from optimize.search.run_directory import RunDirectory
-    from optimize.search.search import crews, search
+    from optimize.search.search import open_executors, search
 
     with contextlib.ExitStack() as resources:
         if configuration is None:
             run = resources.enter_context(RunDirectory.open(path))
-            executor, screening = crews(run.configuration, workers, scheduler, resources)
+            executor, screening = open_executors(run.configuration, workers, scheduler, resources)
         else:  # workers first: a search that nobody can fly leaves no directory
-            executor, screening = crews(configuration, workers, scheduler, resources)
+            executor, screening = open_executors(configuration, workers, scheduler, resources)
             run = resources.enter_context(RunDirectory.create(path, configuration))
         if (damaged := run.count_damaged()) and not as_json:
             print(f"{damaged} evaluations of the archive are damaged, and are flown again", file=sys.stderr)
@@ -191,10 +191,10 @@ def _configuration(
     from moflock_mj.analysis.identification import calibrated
     from optimize.evaluation.evaluation import search_scenario
     from optimize.evaluation.objectives import PAPER, load_objectives
-    from optimize.search.configuration import Configuration, Settings
+    from optimize.search.configuration import Configuration, SearchConfig
     from optimize.search.parameter_sources import read_points
 
-    settings = Settings(**given)
+    settings = SearchConfig(**given)
     flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
     if settings.screen:
         flown = calibrated(flown)

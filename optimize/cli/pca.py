@@ -91,7 +91,7 @@ def pca(
     from optimize.cli.console import flights_progress
     from optimize.evaluation.batch import check_counts
     from optimize.evaluation.evaluation import Job, search_scenario
-    from optimize.evaluation.resumable import Study, kept_flights
+    from optimize.evaluation.resumable import Study, open_resumable
     from optimize.reports.figures import components_figure, save
 
     check_counts(points=points)
@@ -100,7 +100,7 @@ def pca(
     settings = {"dynamics": dynamics, "bounds": bounds.to_dict(), "points": points, "seed": seed, "sampling": sampling}
     asked = Study(verb="pca", scenario=scenario, settings=settings)
     folder = out.with_suffix(".flights") if out else asked.default_folder()
-    with kept_flights(asked, folder, job, workers, scheduler) as flights:
+    with open_resumable(asked, folder, job, workers, scheduler) as flights:
         with flights_progress("random points") as told:
             found, _ = study(flights, bounds, points=points, seed=seed, sampling=sampling, told=told)
         objectives = grouped_by_sign(found, scenario)

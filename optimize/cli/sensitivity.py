@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from controllers.policies.vasarhelyi import FlockingParams
+    from controllers.policies.vasarhelyi import VasarhelyiParams
     from moflock_mj.parameters.bounds import Bounds
     from moflock_mj.scenario.scenario import Scenario
     from optimize.analysis.sensitivity import OneAtATime, SobolIndices, Sweep
@@ -136,7 +136,7 @@ def sensitivity(
     from optimize.cli.console import flights_progress
     from optimize.evaluation.batch import check_counts, fresh_seeds
     from optimize.evaluation.evaluation import Job, search_scenario
-    from optimize.evaluation.resumable import Study, kept_flights
+    from optimize.evaluation.resumable import Study, open_resumable
     from optimize.reports.figures import save
     from optimize.reports.sensitivity_figures import sensitivity_figure
     from optimize.reports.tables import rich_table
@@ -149,7 +149,7 @@ def sensitivity(
     settings = {"point": params._asdict(), "dynamics": dynamics, "bounds": bounds.to_dict(), **asked}
     study = Study(verb="sensitivity", scenario=job.scenario, settings=settings)
     out = out or study.default_folder()
-    with kept_flights(study, out, job, workers, scheduler) as flights:
+    with open_resumable(study, out, job, workers, scheduler) as flights:
         with flights_progress("Sobol indices") as told:
             indices = sobol_indices(flights, bounds, samples=samples, told=told)
         with flights_progress("one at a time") as told:
@@ -193,7 +193,7 @@ def sweeps(
     from optimize.cli.console import flights_progress
     from optimize.evaluation.batch import check_counts, fresh_seeds
     from optimize.evaluation.evaluation import Job
-    from optimize.evaluation.resumable import Study, kept_flights
+    from optimize.evaluation.resumable import Study, open_resumable
     from optimize.reports.figures import save
     from optimize.reports.sensitivity_figures import sweep_figure
     from optimize.reports.tables import rich_table
@@ -210,7 +210,7 @@ def sweeps(
     out = out or study.default_folder()
     number = itertools.count()
     found = []
-    with kept_flights(study, out, job, workers, scheduler) as flights:
+    with open_resumable(study, out, job, workers, scheduler) as flights:
         for name, values in fields.items():
             own = [next(number) for _ in values]
             with flights_progress(name) as told:
@@ -252,16 +252,16 @@ def _means(found: Sweep) -> Words:
 
 
 def _content(
-    point: str, params: FlockingParams, indices: SobolIndices, along: OneAtATime, seeds: int
+    point: str, params: VasarhelyiParams, indices: SobolIndices, along: OneAtATime, seeds: int
 ) -> dict[str, Any]:
-    from controllers.policies.vasarhelyi import FlockingParams
+    from controllers.policies.vasarhelyi import VasarhelyiParams
     from optimize.evaluation.batch import fresh_seeds
     from optimize.evaluation.objectives import FITNESS_NAMES
 
     arrays = {name: _lists(values) for name, values in indices._asdict().items() if name != "points"}
     return {
         "fitnesses": list(FITNESS_NAMES),
-        "parameters": list(FlockingParams._fields),
+        "parameters": list(VasarhelyiParams._fields),
         "sobol": arrays | {"points": indices.points},
         "one_at_a_time": {
             "point": point,
@@ -281,12 +281,12 @@ def _lists(values: NDArray[np.float64]) -> list[list[float | None]]:
 
 def _table(title: str, values: NDArray[np.float64], widths: NDArray[np.float64]) -> Words:
     """Parameters down, fitnesses across."""
-    from controllers.policies.vasarhelyi import FlockingParams
+    from controllers.policies.vasarhelyi import VasarhelyiParams
     from optimize.evaluation.objectives import FITNESS_NAMES
     from optimize.reports.tables import Words
 
     rows = [
         (name, *(f"{value:.2f} ± {width:.2f}" for value, width in zip(values[:, k], widths[:, k], strict=True)))
-        for k, name in enumerate(FlockingParams._fields)
+        for k, name in enumerate(VasarhelyiParams._fields)
     ]
     return Words(title, ("parameter", *(f"F_{name}" for name in FITNESS_NAMES)), rows)

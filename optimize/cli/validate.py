@@ -21,7 +21,7 @@ from optimize.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from optimize.validation.validation import Settings, Validation
+    from optimize.validation.validation import Validation, ValidationConfig
 
 commands = typer.Typer()
 
@@ -71,7 +71,7 @@ def new_validation_path() -> Path:
 
 
 def validate(
-    path: Path, settings: Settings | None, *, workers: int, scheduler: str | None, logs: bool, as_json: bool
+    path: Path, settings: ValidationConfig | None, *, workers: int, scheduler: str | None, logs: bool, as_json: bool
 ) -> int:
     """Fly points on both dynamics, judge them, and write all that was found; Ctrl-C ends it so that it can be resumed.
 
@@ -93,18 +93,18 @@ def validate(
     from moflock_mj.metrics.verdict import UNSAFE
     from optimize.cli.console import TERMINAL
     from optimize.reports.validation_page import write
-    from optimize.validation.run import crews, validated
+    from optimize.validation.run import fly_validation, open_executors
     from optimize.validation.validation import ValidationDirectory
 
     with contextlib.ExitStack() as resources:
         if settings is None:
             run = resources.enter_context(ValidationDirectory.open(path))
-            executors = crews(run.settings, workers, scheduler, resources)
+            executors = open_executors(run.settings, workers, scheduler, resources)
         else:  # workers first: what nobody can fly leaves no directory
             settings.check_flyable()
-            executors = crews(settings, workers, scheduler, resources)
+            executors = open_executors(settings, workers, scheduler, resources)
             run = resources.enter_context(ValidationDirectory.create(path, settings))
-        found, logged = validated(run, executors, logs=logs, terminal=TERMINAL)
+        found, logged = fly_validation(run, executors, logs=logs, terminal=TERMINAL)
     if found is None:
         print(f"stopped; go on with: moflock validate --resume {path}", file=sys.stderr)
         return INTERRUPTED

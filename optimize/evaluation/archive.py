@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import MoflockError, SearchError
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import Evaluation
@@ -30,7 +30,7 @@ from optimize.evaluation.evaluation import Evaluation
 _COLUMNS = (
     "number INTEGER PRIMARY KEY",
     "generation INTEGER NOT NULL",
-    *(f"{name} REAL NOT NULL" for name in FlockingParams._fields),
+    *(f"{name} REAL NOT NULL" for name in VasarhelyiParams._fields),
     "seeds TEXT NOT NULL",  # JSON, [S]
     "order_parameters TEXT NOT NULL",  # JSON, [S][6]
     "fitness TEXT NOT NULL",  # JSON, [S][6 or 7]
@@ -186,11 +186,11 @@ class Archive:
             yield from self._connection.execute(f"{select} ORDER BY number").fetchall()
         except sqlite3.DatabaseError:
             # A damaged page ends the scan; each row by itself is found unless it, or the way to it, is damaged.
-            for number in range(self._most_rows()):
+            for number in range(self._max_rows()):
                 with contextlib.suppress(sqlite3.DatabaseError):
                     yield from self._connection.execute(f"{select} WHERE number = ?", (number,)).fetchall()
 
-    def _most_rows(self) -> int:
+    def _max_rows(self) -> int:
         """More rows than the file can hold."""
         return self._database.stat().st_size // _SMALLEST_ROW + 1
 
@@ -278,7 +278,7 @@ def _entry_of(row: tuple[Any, ...]) -> Entry | None:
     seeds, order_parameters, fitness, figures, seconds, worker, outcome, flown_at = values[14:]
     evaluation = Evaluation(
         number=number,
-        params=FlockingParams(*point),
+        params=VasarhelyiParams(*point),
         seeds=tuple(json.loads(seeds)),
         order_parameters=np.array(json.loads(order_parameters), np.float64),  # null becomes NaN
         fitness=np.array(json.loads(fitness), np.float64),

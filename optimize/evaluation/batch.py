@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
-from optimize.evaluation.evaluation import OK, Evaluation, Task
-from optimize.evaluation.interface import Flier
+from optimize.evaluation.evaluation import OK, Evaluation, EvaluationTask
+from optimize.evaluation.interface import Evaluator
 
-Told = Callable[[int, int], None]
+ProgressCallback = Callable[[int, int], None]
 """Told, after each flight, how many of how many are done."""
 
 
@@ -31,11 +31,11 @@ class FlownPoints(NamedTuple):
     failed: NDArray[np.int64]
 
 
-def fly_points(
-    executor: Flier,
+def evaluate_batch(
+    executor: Evaluator,
     points: NDArray[np.float64],
     seeds: Sequence[Sequence[int]],
-    told: Told | None = None,
+    told: ProgressCallback | None = None,
     variants: Sequence[int] = (),
 ) -> FlownPoints:
     """Fly each point once on each of its seeds.
@@ -53,7 +53,7 @@ def fly_points(
     for number, seed in enumerate(seed for row in seeds for seed in row):
         point = number // shape[1]
         variant = variants[point] if variants else None
-        tasks.append(Task(number, FlockingParams(*map(float, points[point])), (int(seed),), variant))
+        tasks.append(EvaluationTask(number, VasarhelyiParams(*map(float, points[point])), (int(seed),), variant))
     flown: dict[int, Evaluation] = {}
     for evaluation in executor.evaluate(tasks):
         flown[evaluation.number] = evaluation

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from moflock_mj.errors import MoflockError, SearchError
-from optimize.evaluation.evaluation import Evaluation, Job, Task, evaluate, infeasible, warm_up
+from optimize.evaluation.evaluation import Evaluation, EvaluationTask, Job, evaluate, infeasible, warm_up
 from optimize.evaluation.interface import ATTEMPTS
 
 _CONNECT_SECONDS = 5.0
@@ -60,7 +60,7 @@ class DaskExecutor:
         """Threads of all workers of the cluster by now."""
         return max(sum(map(int, self._client.nthreads().values())), 1)
 
-    def evaluate(self, tasks: Sequence[Task]) -> Iterator[Evaluation]:
+    def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
         """See `Executor`."""
         if not tasks:
             return
@@ -98,7 +98,7 @@ class DaskExecutor:
     ) -> None:
         self.close()
 
-    def _submit(self, task: Task) -> Any:
+    def _submit(self, task: EvaluationTask) -> Any:
         # The job goes with each task (it is a few hundred bytes): data scattered beforehand can die with a worker.
         return self._client.submit(evaluate, self._job, task, pure=False)
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import PointError
 from moflock_mj.flight import fly
 from moflock_mj.metrics.tracking import MotionFigures
@@ -54,12 +54,12 @@ class Job:
     timeout: float | None = None
     variants: tuple[Scenario, ...] = ()
 
-    def scenario_of(self, task: Task) -> Scenario:
+    def scenario_of(self, task: EvaluationTask) -> Scenario:
         """What a task flies."""
         return self.scenario if task.variant is None else self.variants[task.variant]
 
 
-class Task(NamedTuple):
+class EvaluationTask(NamedTuple):
     """One point to be flown on some seeds.
 
     Attributes:
@@ -70,7 +70,7 @@ class Task(NamedTuple):
     """
 
     number: int
-    params: FlockingParams
+    params: VasarhelyiParams
     seeds: tuple[int, ...]
     variant: int | None = None
 
@@ -91,7 +91,7 @@ class Evaluation(NamedTuple):
     """
 
     number: int
-    params: FlockingParams
+    params: VasarhelyiParams
     seeds: tuple[int, ...]
     order_parameters: NDArray[np.float64]
     fitness: NDArray[np.float64]
@@ -101,7 +101,7 @@ class Evaluation(NamedTuple):
     outcome: str
 
 
-def evaluate(job: Job, task: Task) -> Evaluation:
+def evaluate(job: Job, task: EvaluationTask) -> Evaluation:
     """Fly a task's point on each of its seeds.
 
     A point that no policy can fly is an infeasible evaluation; so is a fitness that is not finite.
@@ -133,7 +133,7 @@ def evaluate(job: Job, task: Task) -> Evaluation:
     )
 
 
-def infeasible(job: Job, task: Task, reason: str, seconds: float = 0.0, worker: str = "") -> Evaluation:
+def infeasible(job: Job, task: EvaluationTask, reason: str, seconds: float = 0.0, worker: str = "") -> Evaluation:
     """The evaluation of a task that cannot be flown: the worst fitness, and why in one line."""
     return Evaluation(
         number=task.number,
@@ -166,7 +166,7 @@ def worker_name() -> str:
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
-def _fly_in_time(job: Job, scenario: Scenario, params: FlockingParams, seed: int, began: float) -> Flight:
+def _fly_in_time(job: Job, scenario: Scenario, params: VasarhelyiParams, seed: int, began: float) -> Flight:
     def late() -> bool:
         return job.timeout is not None and time.perf_counter() - began > job.timeout
 

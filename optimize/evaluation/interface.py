@@ -6,21 +6,21 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Protocol, Self
 
-from optimize.evaluation.evaluation import Evaluation, Task
+from optimize.evaluation.evaluation import Evaluation, EvaluationTask
 
 ATTEMPTS = 2
 """Times that a task is tried before it counts as infeasible."""
 
 
-class Flier(Protocol):
+class Evaluator(Protocol):
     """Flies evaluations, somewhere."""
 
-    def evaluate(self, tasks: Sequence[Task]) -> Iterator[Evaluation]:
+    def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
         """Each task's evaluation, exactly once, in the order in which they are done; none raises."""
         ...
 
 
-class Executor(Flier, Protocol):
+class Executor(Evaluator, Protocol):
     """Flies evaluations with workers of its own."""
 
     @property

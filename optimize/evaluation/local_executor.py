@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from moflock_mj.errors import MoflockError, SearchError
-from optimize.evaluation.evaluation import Evaluation, Job, Task, evaluate, infeasible, warm_up
+from optimize.evaluation.evaluation import Evaluation, EvaluationTask, Job, evaluate, infeasible, warm_up
 from optimize.evaluation.interface import ATTEMPTS
 
 _GRACE = 5.0
@@ -42,21 +42,21 @@ class LocalExecutor:
             raise SearchError(f"workers: {workers} is out of bounds: it must be at least 1 and at most 1024")
         self.workers = workers
         self._job = job
-        self._crew: list[_Worker] = []
+        self._workers: list[_Worker] = []
         try:
-            self._crew.extend(_Worker(job) for _ in range(workers))
-            for worker in self._crew:
+            self._workers.extend(_Worker(job) for _ in range(workers))
+            for worker in self._workers:
                 worker.answer()
         except BaseException:
             self.close()
             raise
 
-    def evaluate(self, tasks: Sequence[Task]) -> Iterator[Evaluation]:
+    def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
         """See `Executor`."""
         waiting = deque((task, 1) for task in tasks)
         try:
-            while waiting or any(worker.task for worker in self._crew):
-                for worker in self._crew:
+            while waiting or any(worker.task for worker in self._workers):
+                for worker in self._workers:
                     if waiting and worker.idle:
                         worker.start(*waiting.popleft())
                 self._kill_late()
@@ -73,14 +73,14 @@ class LocalExecutor:
                     else:
                         yield infeasible(self._job, task, answer, worker.busy_seconds, worker.name)
         finally:
-            for worker in [worker for worker in self._crew if worker.task]:
+            for worker in [worker for worker in self._workers if worker.task]:
                 self._replace(worker)  # left in the middle: what it flies is nobody's any more
 
     def close(self) -> None:
         """See `Executor`."""
-        for worker in self._crew:
+        for worker in self._workers:
             worker.end()
-        self._crew.clear()
+        self._workers.clear()
 
     def __enter__(self) -> Self:
         return self
@@ -92,18 +92,18 @@ class LocalExecutor:
 
     def _with_news(self) -> list[_Worker]:
         """Workers that have something to say, which may be that they are dead."""
-        expected = {worker.pipe.fileno(): worker for worker in self._crew if not worker.idle}
+        expected = {worker.pipe.fileno(): worker for worker in self._workers if not worker.idle}
         return [expected[pipe] for pipe in wait(list(expected), timeout=_POLL) if isinstance(pipe, int)]
 
     def _kill_late(self) -> None:
         """Kill the workers that are past their time; their pipes end, as those of the dead do."""
-        for worker in self._crew:
+        for worker in self._workers:
             if worker.task and self._job.timeout is not None and worker.busy_seconds > self._job.timeout + _GRACE:
                 worker.kill()
 
     def _replace(self, worker: _Worker) -> None:
         worker.end()
-        self._crew[self._crew.index(worker)] = _Worker(self._job)
+        self._workers[self._workers.index(worker)] = _Worker(self._job)
 
 
 class _Worker:
@@ -127,7 +127,7 @@ class _Worker:
         self._began = 0.0
         self.name = ""
         self.ready = False
-        self.task: Task | None = None
+        self.task: EvaluationTask | None = None
         self.attempt = 0
 
     @property
@@ -139,7 +139,7 @@ class _Worker:
         """Since its task was given to it, s."""
         return time.monotonic() - self._began
 
-    def start(self, task: Task, attempt: int) -> None:
+    def start(self, task: EvaluationTask, attempt: int) -> None:
         self.task, self.attempt, self._began = task, attempt, time.monotonic()
         with contextlib.suppress(OSError):  # it died while it was idle; its pipe's end will be its answer
             self.pipe.send(task)
@@ -210,7 +210,7 @@ def _first_words(job: Job) -> str | MoflockError:
         return problem
 
 
-def _answer_to(job: Job, task: Task) -> Evaluation | str:
+def _answer_to(job: Job, task: EvaluationTask) -> Evaluation | str:
     try:
         return evaluate(job, task)
     except Exception as problem:  # whatever it is, the search goes on

@@ -21,9 +21,9 @@ from optimize.evaluation.archive import (
     read_directory,
     write_directory,
 )
-from optimize.evaluation.evaluation import OK, Evaluation, Job, Task
+from optimize.evaluation.evaluation import OK, Evaluation, EvaluationTask, Job
 from optimize.evaluation.executors import make_executor
-from optimize.evaluation.interface import Flier
+from optimize.evaluation.interface import Evaluator
 
 _LIBRARIES = ("moflock-mj", "mujoco", "numba", "numpy", "scipy", "control")
 """Those by which flights may differ."""
@@ -73,7 +73,9 @@ class Study:
 
 
 @contextlib.contextmanager
-def kept_flights(study: Study, path: Path, job: Job, workers: int, scheduler: str | None) -> Iterator[KeptFlights]:
+def open_resumable(
+    study: Study, path: Path, job: Job, workers: int, scheduler: str | None
+) -> Iterator[ResumableEvaluator]:
     """Workers for a job whose flights stay in a directory, which is made, or gone on with.
 
     Raises:
@@ -88,7 +90,7 @@ def kept_flights(study: Study, path: Path, job: Job, workers: int, scheduler: st
             with Archive(path) as archive, archive.locked():
                 archive.count_damaged()
                 archive.repair()
-                flights = KeptFlights(executor, archive)
+                flights = ResumableEvaluator(executor, archive)
                 if flights.found:
                     print(f"{flights.found} flights are in {path} already", file=sys.stderr)
                 yield flights
@@ -96,7 +98,7 @@ def kept_flights(study: Study, path: Path, job: Job, workers: int, scheduler: st
         raise StoppedError(f"stopped; go on with the same command: its flights are kept in {path}") from None
 
 
-class KeptFlights:
+class ResumableEvaluator:
     """Flies what an archive lacks, and keeps it; the tasks asked for are numbered on from one `evaluate` to the next.
 
     A flight that failed is flown again: its worker may have been killed.
@@ -109,15 +111,15 @@ class KeptFlights:
         found: flights that were in the archive at the beginning.
     """
 
-    def __init__(self, executor: Flier, archive: Archive) -> None:
+    def __init__(self, executor: Evaluator, archive: Archive) -> None:
         self._executor = executor
         self._archive = archive
         self._known = {flown.number: flown for flown in archive.evaluations() if flown.outcome == OK}
         self._asked = self._parts = 0
         self.found = len(self._known)
 
-    def evaluate(self, tasks: Sequence[Task]) -> Iterator[Evaluation]:
-        """See `Flier`; the tasks' numbers are those from 0.
+    def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
+        """See `Evaluator`; the tasks' numbers are those from 0.
 
         Raises:
             SearchError: the archive has another task under a number, or cannot be written.
@@ -131,7 +133,7 @@ class KeptFlights:
             self._archive.append(flown._replace(number=first + flown.number), generation=part)
             yield flown
 
-    def _recall(self, first: int, task: Task) -> Evaluation:
+    def _recall(self, first: int, task: EvaluationTask) -> Evaluation:
         found = self._known[first + task.number]
         if (found.params, found.seeds) != (task.params, task.seeds):
             raise SearchError(

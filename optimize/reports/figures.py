@@ -15,13 +15,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.files import new_file
 from moflock_mj.parameters.bounds import Bounds
 from moflock_mj.visualization.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, STYLE
 from optimize.analysis.pca import PrincipalComponents
 from optimize.analysis.published_results import PAPER_RESULTS
-from optimize.search.front import FlownFront
+from optimize.search.front import ReevaluatedFront
 
 DOTS_PER_INCH = 130
 
@@ -82,7 +82,7 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def front_figure(front: FlownFront, landmarks: Sequence[Landmark]) -> Figure:
+def front_figure(front: ReevaluatedFront, landmarks: Sequence[Landmark]) -> Figure:
     """The front as flown on fresh seeds, whole and close up, and what it is compared with; bars are one deviation."""
     figure = new_figure(11.5, 5.6)
     whole, close = figure.subplots(1, 2)
@@ -111,7 +111,7 @@ def front_figure(front: FlownFront, landmarks: Sequence[Landmark]) -> Figure:
     return figure
 
 
-def _draw_front(axes: Axes, front: FlownFront) -> None:
+def _draw_front(axes: Axes, front: ReevaluatedFront) -> None:
     """The points that remain, with bars, and those that are dominated in the mean."""
     kept = front.remaining
     rest = np.setdiff1d(np.arange(len(front.mean)), kept)
@@ -217,12 +217,12 @@ def components_figure(
     return figure
 
 
-def parameters_figure(front: FlownFront, bounds: Bounds) -> Figure:
+def parameters_figure(front: ReevaluatedFront, bounds: Bounds) -> Figure:
     """Each parameter along the front; the vertical axes are the bounds of the search."""
     figure = new_figure(11.5, 6.6)
     grid = figure.subplots(3, 4, sharex=True)
     numbers = front.remaining
-    for index, (name, unit, axes) in enumerate(zip(FlockingParams._fields, UNITS, grid.flat, strict=True)):
+    for index, (name, unit, axes) in enumerate(zip(VasarhelyiParams._fields, UNITS, grid.flat, strict=True)):
         axes.plot(front.mean[numbers, 0], front.points[numbers, index], "o", color=BLUE, ms=3.5)
         axes.plot(front.mean[front.knee, 0], front.points[front.knee, index], "D", color=RED, ms=6, label="knee")
         margin = 0.04 * (bounds.upper[index] - bounds.lower[index])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.files import new_file
 from moflock_mj.visualization.figure_style import BLACK, GREEN, ORANGE, PINK, RED
 from optimize.analysis.pca import agreement
@@ -30,7 +30,7 @@ from optimize.reports.figures import (
 )
 from optimize.reports.flight_figures import order_parameters_figure
 from optimize.search.findings import Findings
-from optimize.search.front import FlownFront
+from optimize.search.front import ReevaluatedFront
 
 _FITNESS_LABELS = ("F_wall", "F_speed", "F_corr", "F_coll", "F_disc", "F_cluster")
 
@@ -125,8 +125,8 @@ def _figures(found: Findings) -> Iterable[tuple[str, str, str, Callable[[], Figu
     yield (
         "order_parameters",
         "Order parameters of the two extremes",
-        f"One flight of each, seed {found.extremes[0].seed}. Curves through should be high, broken ones low.",
-        lambda: order_parameters_figure(found.extremes, [f"Best {names[0]}", f"Best {names[-1]}"]),
+        f"One flight of each, seed {found.statistics[0].seed}. Curves through should be high, broken ones low.",
+        lambda: order_parameters_figure(found.statistics, [f"Best {names[0]}", f"Best {names[-1]}"]),
     )
 
 
@@ -217,7 +217,7 @@ def _results_section(found: Findings) -> str:
         _own_column(front, front.knee, "our knee"),
     ]
     rows = [[name, *(column.objectives[row] for column in columns)] for row, name in enumerate(names)]
-    for index, (name, unit) in enumerate(zip(FlockingParams._fields, UNITS, strict=True)):
+    for index, (name, unit) in enumerate(zip(VasarhelyiParams._fields, UNITS, strict=True)):
         label = f"{name}, {unit}" if unit else name
         rows.append([label, *(f"{column.params[index]:.4g}" for column in columns)])
     text = (
@@ -238,12 +238,12 @@ def _paper_columns(found: Findings, name: str) -> list[_Column]:
     return [_Column(f"{name}, printed", objectives, here.params), here]
 
 
-def _own_column(front: FlownFront, number: int, title: str) -> _Column:
+def _own_column(front: ReevaluatedFront, number: int, title: str) -> _Column:
     pairs = zip(front.mean[number], front.deviation[number], strict=True)
     return _Column(title, [f"{mean:.3f} ± {spread:.3f}" for mean, spread in pairs], front.points[number].tolist())
 
 
-def _front_section(front: FlownFront) -> str:
+def _front_section(front: ReevaluatedFront) -> str:
     """All points that remain on the front."""
     names = front.objectives.names
     rows = [
@@ -254,7 +254,7 @@ def _front_section(front: FlownFront) -> str:
         ]
         for place, number in enumerate(front.remaining, start=1)
     ]
-    head = ["", *names, *FlockingParams._fields]
+    head = ["", *names, *VasarhelyiParams._fields]
     return (
         "<h2>All points of the front</h2>\n<p>Mean on fresh seeds ± half the width of its 95 % confidence interval, "
         f"and the parameters.</p>\n{_table(head, rows)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure, SubFigure
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.visualization.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED
 from optimize.analysis.sensitivity import OneAtATime, SobolIndices, Sweep
 from optimize.analysis.statistics import half_width
@@ -15,7 +15,7 @@ from optimize.reports.figures import UNITS, new_figure
 _COLOURS = (RED, BLUE, GREEN, BLACK, PINK, ORANGE)
 
 
-def sensitivity_figure(found: SobolIndices, along: OneAtATime, point: FlockingParams) -> Figure:
+def sensitivity_figure(found: SobolIndices, along: OneAtATime, point: VasarhelyiParams) -> Figure:
     """The Sobol indices above, one parameter at a time below."""
     figure = new_figure(12.0, 14.2)
     halves = figure.add_gridspec(2, 1)
@@ -38,17 +38,17 @@ def _draw_indices(figure: SubFigure, found: SobolIndices) -> None:
             text = f"{value:.2f}\n±{widths[row, column]:.2f}" if np.isfinite(value) else "-"
             axes.text(column, row, text, ha="center", va="center", fontsize=7, color=ink)
         axes.set_yticks(range(len(FITNESS_NAMES)), [f"F_{name}" for name in FITNESS_NAMES])
-        axes.set_xticks(range(len(FlockingParams._fields)), FlockingParams._fields, rotation=30)
+        axes.set_xticks(range(len(VasarhelyiParams._fields)), VasarhelyiParams._fields, rotation=30)
         axes.grid(False)
         axes.set_title(f"{title} ({found.points} points)")
         figure.colorbar(image, ax=axes, shrink=0.9, label="share of the variance")
 
 
-def _draw_along(figure: SubFigure, found: OneAtATime, point: FlockingParams) -> None:
+def _draw_along(figure: SubFigure, found: OneAtATime, point: VasarhelyiParams) -> None:
     """All six fitnesses along each parameter, mean and 95 % confidence interval over the seeds; the point dashed."""
     grid = figure.subplots(3, 4, sharey=True)
     mean, width = found.fitness.mean(axis=2), half_width(found.fitness, axis=2)
-    for number, (name, unit, axes) in enumerate(zip(FlockingParams._fields, UNITS, grid.flat, strict=True)):
+    for number, (name, unit, axes) in enumerate(zip(VasarhelyiParams._fields, UNITS, grid.flat, strict=True)):
         for k, (fitness, colour) in enumerate(zip(FITNESS_NAMES, _COLOURS, strict=True)):
             low, high = mean[number, :, k] - width[number, :, k], mean[number, :, k] + width[number, :, k]
             axes.fill_between(found.values[number], low, high, color=colour, alpha=0.12, lw=0)

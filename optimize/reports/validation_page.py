@@ -37,7 +37,7 @@ def tables(validation: Validation) -> tuple[Words, ...]:
     return (*words, _faults(validation)) if validation.faults else words
 
 
-def page(validation: Validation, logs: Mapping[str, Path], figure: str = FIGURE) -> str:
+def render_validation_page(validation: Validation, logs: Mapping[str, Path], figure: str = FIGURE) -> str:
     """The page.
 
     Args:
@@ -261,7 +261,7 @@ JSON = "validation.json"
 def write(found: Validation, logs: Mapping[str, Path], path: Path) -> str:
     """Write page, figure and JSON into a directory; returns the JSON."""
     content = dumps(to_json(found, logs))
-    for name, text in ((JSON, content), (PAGE, page(found, logs))):
+    for name, text in ((JSON, content), (PAGE, render_validation_page(found, logs))):
         with new_file(path / name) as place:
             place.write_text(text, encoding="utf-8")
     save(lambda: fronts_figure(found), path / FIGURE)

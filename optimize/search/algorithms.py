@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moflock_mj.errors import SearchError
-from optimize.search.gaussian_process import Belief
+from optimize.search.gaussian_process import Prediction
 
 DIMENSIONS = 12
 
@@ -22,7 +22,7 @@ Judge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Gives the objectives (n, K), to be maximised, of points (n, 12) that have flown, as they are judged by now."""
 
 
-Foresee = Callable[[NDArray[np.float64]], Belief | None]
+Predict = Callable[[NDArray[np.float64]], Prediction | None]
 """Gives what is to be expected of points (n, 12) that have not flown; None while nothing can be."""
 
 _HOPE = 1.0
@@ -32,11 +32,11 @@ _HOPE = 1.0
 class Algorithm(Protocol):
     """Breeds points."""
 
-    def ask(self, foresee: Foresee) -> NDArray[np.float64]:
+    def ask(self, predict: Predict) -> NDArray[np.float64]:
         """New points (n, 12), in the unit cube unless it is unbounded.
 
         Args:
-            foresee: of points that it might ask for; may be used.
+            predict: of points that it might ask for; may be used.
         """
         ...
 
@@ -49,7 +49,7 @@ class Algorithm(Protocol):
         """
         ...
 
-    def favourites(self) -> NDArray[np.float64]:
+    def extra_candidates(self) -> NDArray[np.float64]:
         """Points (m, 12) that it would like to be flown though it has not asked for them; mostly none."""
         ...
 
@@ -60,7 +60,7 @@ def make_algorithm(
     population: int,
     seed: int,
     *,
-    brood: int = 1,
+    offspring_per_slot: int = 1,
     first_brood: int = 1,
     unbounded: bool = False,
     start: NDArray[np.float64] | None = None,
@@ -72,7 +72,7 @@ def make_algorithm(
         objectives: K.
         population: points per generation.
         seed: of its random numbers.
-        brood: points that genetic algorithms breed for one that flies.
+        offspring_per_slot: points that genetic algorithms breed for one that flies.
         first_brood: the same in the first generation, of which nothing is known unless it is screened.
         unbounded: whether it may leave the cube.
         start: (m, 12), points that genetic algorithms begin with, besides random ones.
@@ -81,7 +81,9 @@ def make_algorithm(
         return CovarianceAdaptation(population, seed, unbounded=unbounded)
     if name == "pso":
         return Swarm(objectives, population, seed)
-    return Evolution(name, objectives, population, seed, brood=brood, first_brood=first_brood, start=start)
+    return Evolution(
+        name, objectives, population, seed, offspring_per_slot=offspring_per_slot, first_brood=first_brood, start=start
+    )
 
 
 class Evolution:
@@ -92,7 +94,7 @@ class Evolution:
         objectives: K.
         population: points that survive, and that are flown, in a generation.
         seed: of its random numbers.
-        brood: points that are bred for one that flies.
+        offspring_per_slot: points that are bred for one that flies.
         first_brood: the same in the first generation.
         start: (m, 12), points of the first generation, which random ones fill up.
     """
@@ -104,7 +106,7 @@ class Evolution:
         population: int,
         seed: int,
         *,
-        brood: int,
+        offspring_per_slot: int,
         first_brood: int,
         start: NDArray[np.float64] | None = None,
     ) -> None:
@@ -120,7 +122,7 @@ class Evolution:
             more["sampling"] = first if start is None else np.concatenate([start, first[len(start) :]])
         self._algorithm = kinds[name](
             pop_size=population,
-            n_offsprings=brood * population,
+            n_offsprings=offspring_per_slot * population,
             crossover=SBX(prob=0.9, eta=15),
             mutation=PM(eta=20),
             termination=_never(),
@@ -129,23 +131,25 @@ class Evolution:
         )
         self._algorithm.setup(_cube(objectives))
         self._population = population
-        self._bred: Any = None
+        self._offspring: Any = None
 
-    def ask(self, foresee: Foresee) -> NDArray[np.float64]:
+    def ask(self, predict: Predict) -> NDArray[np.float64]:
         """See `Algorithm`. Of a brood that is larger than the population, the most promising points are flown."""
-        bred = self._algorithm.ask()
-        if bred is None:
+        offspring = self._algorithm.ask()
+        if offspring is None:
             raise SearchError("algorithm: it has no new points to offer; the bounds are too narrow")
-        expected = foresee(bred.get("X")) if len(bred) > self._population else None
-        chosen = _promising(expected, self._population) if expected else np.arange(min(len(bred), self._population))
-        self._bred = bred[chosen]
-        return np.array(self._bred.get("X"), np.float64)
+        expected = predict(offspring.get("X")) if len(offspring) > self._population else None
+        chosen = (
+            _promising(expected, self._population) if expected else np.arange(min(len(offspring), self._population))
+        )
+        self._offspring = offspring[chosen]
+        return np.array(self._offspring.get("X"), np.float64)
 
     def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
         """See `Algorithm`. Parents are judged anew; leaders that died out, unlucky in some generation, come back."""
         from pymoo.core.population import Population  # noqa: PLC0415
 
-        told = self._bred
+        told = self._offspring
         parents = self._algorithm.pop
         if parents is not None and len(parents):
             parents.set("F", -judge(parents.get("X")))
@@ -156,7 +160,7 @@ class Evolution:
         told.set("F", -judge(told.get("X")))
         self._algorithm.tell(infills=told)
 
-    def favourites(self) -> NDArray[np.float64]:
+    def extra_candidates(self) -> NDArray[np.float64]:
         """See `Algorithm`."""
         return np.empty((0, DIMENSIONS))
 
@@ -177,7 +181,7 @@ class Swarm:
         self._algorithm.setup(_cube(objectives))
         self._flown: Any = None
 
-    def ask(self, foresee: Foresee) -> NDArray[np.float64]:  # noqa: ARG002
+    def ask(self, predict: Predict) -> NDArray[np.float64]:  # noqa: ARG002
         """See `Algorithm`."""
         self._flown = self._algorithm.ask()
         return np.array(self._flown.get("X"), np.float64)
@@ -190,7 +194,7 @@ class Swarm:
         self._flown.set("F", -judge(self._flown.get("X")))
         self._algorithm.tell(infills=self._flown)
 
-    def favourites(self) -> NDArray[np.float64]:
+    def extra_candidates(self) -> NDArray[np.float64]:
         """See `Algorithm`."""
         return np.empty((0, DIMENSIONS))
 
@@ -222,7 +226,7 @@ class CovarianceAdaptation:
         self._strategy = cma.CMAEvolutionStrategy(np.full(DIMENSIONS, 0.5), 0.3, options)
         self._points: list[NDArray[np.float64]] = []
 
-    def ask(self, foresee: Foresee) -> NDArray[np.float64]:  # noqa: ARG002
+    def ask(self, predict: Predict) -> NDArray[np.float64]:  # noqa: ARG002
         """See `Algorithm`."""
         self._points = self._strategy.ask()
         return np.array(self._points)
@@ -231,12 +235,12 @@ class CovarianceAdaptation:
         """See `Algorithm`."""
         self._strategy.tell(self._points, (-judge(np.array(self._points))[:, 0]).tolist())
 
-    def favourites(self) -> NDArray[np.float64]:
+    def extra_candidates(self) -> NDArray[np.float64]:
         """The middle of its distribution, which it never flies itself."""
         return np.array([self._strategy.result.xfavorite], np.float64)
 
 
-def _promising(expected: Belief, count: int) -> NDArray[np.int64]:
+def _promising(expected: Prediction, count: int) -> NDArray[np.int64]:
     """Numbers of the `count` points that may turn out best, front by front, the last of which by crowding."""
     from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance  # noqa: PLC0415
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting  # noqa: PLC0415

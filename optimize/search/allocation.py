@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from optimize.search.algorithms import DIMENSIONS, Algorithm
 from optimize.search.estimates import hypervolume
-from optimize.search.gaussian_process import Belief, Flights, Regression
+from optimize.search.gaussian_process import Flights, GaussianProcess, Prediction
 
 
-class Trials(NamedTuple):
+class EvaluationBatch(NamedTuple):
     """What is to be flown next: each point on each seed.
 
     Attributes:
@@ -40,7 +40,7 @@ class Trials(NamedTuple):
     seeds: tuple[tuple[int, ...], ...]
 
 
-Screen = Callable[[Trials], NDArray[np.float64]]
+Screen = Callable[[EvaluationBatch], NDArray[np.float64]]
 """Flies trials on a cheaper model and gives their objectives (n, S, K)."""
 
 
@@ -52,24 +52,24 @@ class NoisePolicy:
         seeds: whose own they are: the "search"'s, each "generation"'s, or each "evaluation"'s.
         leaders: how many of the best points fly again in each generation.
         finals: share of the flights that is kept for the leaders at the end.
-        brood: points that are bred for one that flies, the most promising.
+        offspring_per_slot: points that are bred for one that flies, the most promising.
     """
 
     seeds: str
     leaders: int
     finals: float
-    brood: int
+    offspring_per_slot: int
 
 
 def noise_policy(name: str, population: int) -> NoisePolicy:
     """The policy of a name: "fixed", "common" or "refly"."""
     if name == "fixed":
-        return NoisePolicy(seeds="search", leaders=0, finals=0.0, brood=1)
+        return NoisePolicy(seeds="search", leaders=0, finals=0.0, offspring_per_slot=1)
     whose = "generation" if name == "common" else "evaluation"
-    return NoisePolicy(seeds=whose, leaders=max(population // 10, 2), finals=0.15, brood=4)
+    return NoisePolicy(seeds=whose, leaders=max(population // 10, 2), finals=0.15, offspring_per_slot=4)
 
 
-class Plan:
+class BudgetAllocator:
     """Asks an algorithm for points, adds those that fly again, and remembers what all have reached.
 
     Args:
@@ -102,14 +102,14 @@ class Plan:
         self._rng = rng
         self._flights = seeds
         self._seeds = _draw_seeds(rng, seeds)
-        self._asked = Trials(np.empty((0, DIMENSIONS)), ())
+        self._asked = EvaluationBatch(np.empty((0, DIMENSIONS)), ())
         self._breeding = True
         self._population = population
         self._screen_rng = screen_rng
-        self._screened = Memory(objectives)
-        self._memory = Memory(objectives, self._screened)
+        self._screened = EvaluationHistory(objectives)
+        self._memory = EvaluationHistory(objectives, self._screened)
 
-    def ask(self, screen: Screen | None = None) -> Trials | None:
+    def ask(self, screen: Screen | None = None) -> EvaluationBatch | None:
         """What to fly next; None when the budget does not allow more.
 
         Args:
@@ -118,14 +118,14 @@ class Plan:
         """
         leaders = self._memory.leaders(self._policy.leaders)
         if self._breeding and self._affordable(self._left - self._kept) >= self._population + len(leaders):
-            asked = self._algorithm.ask(lambda bred: self._foresee(bred, leaders, screen))
+            asked = self._algorithm.ask(lambda offspring: self._predict(offspring, leaders, screen))
             points = np.concatenate([asked, leaders])
         else:
             self._breeding = False
             points = self._finalists(leaders)
         if not len(points):
             return None
-        self._asked = Trials(points, self._seeds_of(len(points)))
+        self._asked = EvaluationBatch(points, self._seeds_of(len(points)))
         self._left -= len(points) * self._flights
         return self._asked
 
@@ -146,20 +146,22 @@ class Plan:
         """Of the front, as the search believes it to be by now."""
         return hypervolume(self._memory.believed)
 
-    def _foresee(self, bred: NDArray[np.float64], leaders: NDArray[np.float64], screen: Screen | None) -> Belief | None:
+    def _predict(
+        self, offspring: NDArray[np.float64], leaders: NDArray[np.float64], screen: Screen | None
+    ) -> Prediction | None:
         if screen is not None and self._screen_rng is not None:
-            points = np.concatenate([bred, leaders])
+            points = np.concatenate([offspring, leaders])
             seeds = tuple(_draw_seeds(self._screen_rng, self._flights) for _ in points)
-            self._screened.add(points, screen(Trials(points, seeds)))
+            self._screened.add(points, screen(EvaluationBatch(points, seeds)))
             self._memory.learn()
-        return self._memory.foresee(bred)
+        return self._memory.predict(offspring)
 
     def _finalists(self, leaders: NDArray[np.float64]) -> NDArray[np.float64]:
         """The leaders, and once what the algorithm would like to see flown, as far as the budget goes."""
         if not self._policy.leaders:
             return leaders
-        favourites = self._memory.unknown(self._algorithm.favourites())
-        return np.concatenate([favourites, leaders])[: self._affordable(self._left)]
+        extra_candidates = self._memory.unknown(self._algorithm.extra_candidates())
+        return np.concatenate([extra_candidates, leaders])[: self._affordable(self._left)]
 
     def _affordable(self, flights: int) -> int:
         return flights // self._flights
@@ -173,23 +175,23 @@ class Plan:
         return (self._seeds,) * points
 
 
-class Memory:
+class EvaluationHistory:
     """All points that flew, sums over their flights, and what is believed of them.
 
     Args:
         objectives: K.
-        cheaper: of flights on a cheaper model, which help to tell what to expect.
+        low_fidelity: of flights on a cheaper model, which help to tell what to expect.
 
     Attributes:
         believed: (n, K), objectives, in the order in which the points first flew.
     """
 
-    def __init__(self, objectives: int, cheaper: Memory | None = None) -> None:
-        self._cheaper = cheaper
+    def __init__(self, objectives: int, low_fidelity: EvaluationHistory | None = None) -> None:
+        self._low_fidelity = low_fidelity
         self._row: dict[bytes, int] = {}
         none = np.empty((0, objectives))
         self._flights = Flights(np.empty((0, DIMENSIONS)), np.empty(0), none, none)
-        self._regression: Regression | None = None
+        self._process: GaussianProcess | None = None
         self.believed = np.empty((0, objectives))
 
     def add(self, points: NDArray[np.float64], values: NDArray[np.float64]) -> None:
@@ -208,21 +210,21 @@ class Memory:
     def learn(self) -> None:
         """Think again about what has flown: something new may be known of it, or of the cheaper model."""
         if self._row:
-            cheaper = self._cheaper._regression if self._cheaper else None
-            self._regression = Regression(self._flights, self._regression, cheaper)
-            self.believed = self._regression.mean()
+            low_fidelity = self._low_fidelity._process if self._low_fidelity else None
+            self._process = GaussianProcess(self._flights, self._process, low_fidelity)
+            self.believed = self._process.mean()
 
-    def foresee(self, points: NDArray[np.float64]) -> Belief | None:
+    def predict(self, points: NDArray[np.float64]) -> Prediction | None:
         """What is to be expected of points (m, 12) that have not flown; None while nothing is known of the noise.
 
         Until then the cheaper model's word is taken, which these points have flown on, if there is one.
         """
-        if self._regression is not None and self._regression.noisy:
-            return self._regression.foresee(points)
-        if self._cheaper is None or not self._cheaper._row:
+        if self._process is not None and self._process.noisy:
+            return self._process.predict(points)
+        if self._low_fidelity is None or not self._low_fidelity._row:
             return None
-        mean = self._cheaper.judge(points)
-        return Belief(mean, np.zeros_like(mean))
+        mean = self._low_fidelity.judge(points)
+        return Prediction(mean, np.zeros_like(mean))
 
     def unknown(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Those of the points (n, 12) that have not flown, each once."""

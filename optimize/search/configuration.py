@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import PointError, ScenarioError, SearchError
 from moflock_mj.fields import check_fields, check_keys, quantity
 from moflock_mj.parameters.bounds import Bounds, bounds_of, paper_bounds
@@ -25,7 +25,7 @@ SINGLE_OBJECTIVE = ("cmaes", "pso")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
+class SearchConfig:
     """How is searched.
 
     Raises:
@@ -84,8 +84,8 @@ class Configuration:
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
     bounds: Bounds = dataclasses.field(default_factory=paper_bounds)
     objectives: Objectives = PAPER
-    settings: Settings = dataclasses.field(default_factory=Settings)
-    start: tuple[FlockingParams, ...] = ()
+    settings: SearchConfig = dataclasses.field(default_factory=SearchConfig)
+    start: tuple[VasarhelyiParams, ...] = ()
     versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
 
     def __post_init__(self) -> None:
@@ -160,18 +160,18 @@ class Configuration:
         for name in parts:
             if not isinstance(content.get(name), Mapping):
                 raise SearchError(f"configuration: {name}: it must be an object")
-        check_keys(content["settings"], [field.name for field in dataclasses.fields(Settings)], SearchError)
+        check_keys(content["settings"], [field.name for field in dataclasses.fields(SearchConfig)], SearchError)
         return cls(
             scenario=flown,
             bounds=bounds_of(content["bounds"]),
             objectives=Objectives.from_json(json.dumps({"objectives": content["objectives"]})),
-            settings=Settings(**content["settings"]),
+            settings=SearchConfig(**content["settings"]),
             start=_points_of(content.get("start", [])),
             versions=content["versions"],
         )
 
 
-def _points_of(rows: Any) -> tuple[FlockingParams, ...]:
+def _points_of(rows: Any) -> tuple[VasarhelyiParams, ...]:
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise SearchError("configuration: start: it must be a list of points, each a list of 12 numbers")
     try:

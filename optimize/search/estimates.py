@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from optimize.evaluation.evaluation import Evaluation
 from optimize.evaluation.objectives import Objectives
-from optimize.search.gaussian_process import Flights, Regression
+from optimize.search.gaussian_process import Flights, GaussianProcess
 
 CAUTION = 1.0
 """Standard errors that are taken off a mean before points are compared: one lucky flight makes no front."""
@@ -28,7 +28,7 @@ class Estimate(NamedTuple):
         flights: how many it flew.
     """
 
-    params: FlockingParams
+    params: VasarhelyiParams
     mean: NDArray[np.float64]
     std_error: NDArray[np.float64]
     flights: int
@@ -36,7 +36,7 @@ class Estimate(NamedTuple):
 
 def estimates(evaluations: Iterable[Evaluation], objectives: Objectives) -> list[Estimate]:
     """One estimate per point, in the order in which the points first flew."""
-    flights: dict[FlockingParams, list[NDArray[np.float64]]] = {}
+    flights: dict[VasarhelyiParams, list[NDArray[np.float64]]] = {}
     for evaluation in evaluations:
         flights.setdefault(evaluation.params, []).extend(objectives.of_columns(evaluation.fitness))
     if not flights:
@@ -47,7 +47,7 @@ def estimates(evaluations: Iterable[Evaluation], objectives: Objectives) -> list
         total=np.array([np.sum(rows, axis=0) for rows in flights.values()]),
         squares=np.array([np.sum(np.square(rows), axis=0) for rows in flights.values()]),
     )
-    believed = Regression(flown).belief()
+    believed = GaussianProcess(flown).prediction()
     return [
         Estimate(params, mean, error, int(number))
         for params, mean, error, number in zip(flights, believed.mean, believed.deviation, flown.number, strict=True)

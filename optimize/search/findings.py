@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
 from moflock_mj.files import new_file
 from moflock_mj.flight import fly
@@ -18,12 +18,12 @@ from moflock_mj.parameters.points import paper_point
 from moflock_mj.simulation.results import Flight
 from optimize.analysis.pca import PrincipalComponents, load_components, principal_components
 from optimize.evaluation.archive import Entry
-from optimize.evaluation.batch import Told, fresh_seeds
+from optimize.evaluation.batch import ProgressCallback, fresh_seeds
 from optimize.evaluation.interface import Executor
 from optimize.evaluation.objectives import Objectives
 from optimize.search.configuration import SINGLE_OBJECTIVE, Configuration
 from optimize.search.estimates import CAUTION, estimates, hypervolume, non_dominated
-from optimize.search.front import SEEDS, FlownFront, candidates, fly_front, load_front
+from optimize.search.front import SEEDS, ReevaluatedFront, candidates, fly_front, load_front
 from optimize.search.run_directory import RunDirectory
 
 FRONT = "front.json"
@@ -62,25 +62,25 @@ class Findings:
         volumes: {name of a run: its growth}.
         components: of the fitnesses of random points; None if they were not analysed.
         parameters: components of the 12 parameters along the front; None for a front of fewer than three points.
-        extremes: flights of the points that are best in the first and in the last objective, with samples.
+        statistics: flights of the points that are best in the first and in the last objective, with samples.
     """
 
     name: str
     configuration: Configuration
     evaluations: tuple[int, int]
-    front: FlownFront
-    landmarks: FlownFront
+    front: ReevaluatedFront
+    landmarks: ReevaluatedFront
     landmark_names: tuple[str, ...]
     generations: dict[int, NDArray[np.float64]]
     volumes: dict[str, Volume]
     components: PrincipalComponents | None
     parameters: PrincipalComponents | None
-    extremes: tuple[Flight, Flight]
+    statistics: tuple[Flight, Flight]
 
 
 def flown_front(
-    run: RunDirectory, executor: Executor, seeds: int | None = None, told: Told | None = None
-) -> FlownFront:
+    run: RunDirectory, executor: Executor, seeds: int | None = None, told: ProgressCallback | None = None
+) -> ReevaluatedFront:
     """A run's front on fresh seeds: read from its directory, or flown and written there.
 
     Args:
@@ -121,7 +121,7 @@ def gather(
     *,
     compared: Collection[RunDirectory] = (),
     seeds: int | None = None,
-    told: Told | None = None,
+    told: ProgressCallback | None = None,
 ) -> Findings:
     """Gather what a report shows; flies what was not flown yet.
 
@@ -151,28 +151,28 @@ def gather(
         front=front,
         landmarks=_landmarks(run.path / LANDMARKS, points, front, executor, told),
         landmark_names=tuple(points),
-        generations=believed_fronts(entries, configuration.objectives),
+        generations=estimated_fronts(entries, configuration.objectives),
         volumes={_run_name(other): growth(other) for other in (run, *compared)},
         components=load_components(components) if components.exists() else None,
         parameters=_parameter_components(front, configuration),
-        extremes=(_fly(front, front.best(0)), _fly(front, front.best(-1))),
+        statistics=(_fly(front, front.best(0)), _fly(front, front.best(-1))),
     )
 
 
-def best_singles(runs: Collection[RunDirectory]) -> dict[str, FlockingParams]:
+def best_singles(runs: Collection[RunDirectory]) -> dict[str, VasarhelyiParams]:
     """The best point of each run with a single objective, by the name of its algorithm."""
-    found: dict[str, FlockingParams] = {}
+    found: dict[str, VasarhelyiParams] = {}
     for run in runs:
         settings = run.configuration.settings
         if settings.algorithm in SINGLE_OBJECTIVE:
             best = candidates(run.evaluations(), run.configuration.maximised, 1)
             name = f"{settings.algorithm}, unbounded" if settings.unbounded else settings.algorithm
             if len(best):
-                found[name] = FlockingParams(*map(float, best[0]))
+                found[name] = VasarhelyiParams(*map(float, best[0]))
     return found
 
 
-def believed_fronts(entries: list[Entry], objectives: Objectives) -> dict[int, NDArray[np.float64]]:
+def estimated_fronts(entries: list[Entry], objectives: Objectives) -> dict[int, NDArray[np.float64]]:
     """The archive's front after each of the last ten even generations: {generation from 1: (n, K)}."""
     last = max((entry.generation for entry in entries), default=0) + 1
     wanted = list(range(2, last + 1, 2))[-_LAST_EVEN:] or [last]
@@ -201,8 +201,12 @@ def _believed(entries: list[Entry], objectives: Objectives, generations: int) ->
 
 
 def _landmarks(
-    path: Path, points: dict[str, FlockingParams], front: FlownFront, executor: Executor, told: Told | None
-) -> FlownFront:
+    path: Path,
+    points: dict[str, VasarhelyiParams],
+    front: ReevaluatedFront,
+    executor: Executor,
+    told: ProgressCallback | None,
+) -> ReevaluatedFront:
     """Points flown as the front was: read, if the file has just these on these seeds, else flown and written."""
     wanted = np.array(list(points.values()), np.float64)
     if path.exists():
@@ -222,13 +226,13 @@ def _landmarks(
     return flown
 
 
-def _parameter_components(front: FlownFront, configuration: Configuration) -> PrincipalComponents | None:
+def _parameter_components(front: ReevaluatedFront, configuration: Configuration) -> PrincipalComponents | None:
     points = configuration.bounds.to_unit(front.points[front.remaining])
-    return principal_components(points, FlockingParams._fields) if len(points) > 2 else None
+    return principal_components(points, VasarhelyiParams._fields) if len(points) > 2 else None
 
 
-def _fly(front: FlownFront, number: int) -> Flight:
-    params = FlockingParams(*front.points[number].tolist())
+def _fly(front: ReevaluatedFront, number: int) -> Flight:
+    params = VasarhelyiParams(*front.points[number].tolist())
     return fly(params, scenario=front.scenario, dynamics=front.dynamics, seed=front.seeds[0])
 
 
@@ -237,6 +241,6 @@ def _run_name(run: RunDirectory) -> str:
     return f"{settings.algorithm}, seed {settings.seed}" + (", unbounded" if settings.unbounded else "")
 
 
-def _write(path: Path, front: FlownFront) -> None:
+def _write(path: Path, front: ReevaluatedFront) -> None:
     with new_file(path) as place:
         place.write_text(front.to_json(), encoding="utf-8")

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
 from moflock_mj.scenario.scenario import Scenario
 from optimize.analysis.statistics import half_width
-from optimize.evaluation.batch import Told, fly_points
+from optimize.evaluation.batch import ProgressCallback, evaluate_batch
 from optimize.evaluation.evaluation import OK, Evaluation
 from optimize.evaluation.interface import Executor
 from optimize.evaluation.objectives import FITNESS_NAMES, Objectives
@@ -30,7 +30,7 @@ SEEDS = 100
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class FlownFront:
+class ReevaluatedFront:
     """Points of a search, flown again.
 
     Attributes:
@@ -115,7 +115,7 @@ def candidates(evaluations: Sequence[Evaluation], objectives: Objectives, most: 
     """
     known = estimates((flown for flown in evaluations if flown.outcome == OK), objectives)
     if not known:
-        return np.empty((0, len(FlockingParams._fields)))
+        return np.empty((0, len(VasarhelyiParams._fields)))
     ranked = np.array([estimate.mean - CAUTION * estimate.std_error for estimate in known])
     left = np.arange(len(known))
     chosen: list[int] = []
@@ -139,8 +139,8 @@ def fly_front(
     dynamics: str,
     seeds: Sequence[int],
     origin: dict[str, Any] | None = None,
-    told: Told | None = None,
-) -> FlownFront:
+    told: ProgressCallback | None = None,
+) -> ReevaluatedFront:
     """Fly points on fresh seeds, the same for all.
 
     Args:
@@ -150,7 +150,7 @@ def fly_front(
         scenario: what is flown.
         dynamics: how.
         seeds: for each point; that the search did not use them is up to the caller.
-        origin: see `FlownFront`.
+        origin: see `ReevaluatedFront`.
         told: of progress.
 
     Raises:
@@ -160,8 +160,8 @@ def fly_front(
         raise SearchError("front: it has no points; it must have at least 1")
     if len(seeds) < 2:
         raise SearchError(f"seeds: {len(seeds)} are too few: it must be at least 2")
-    flown = fly_points(executor, points, [seeds] * len(points), told)
-    return FlownFront(
+    flown = evaluate_batch(executor, points, [seeds] * len(points), told)
+    return ReevaluatedFront(
         objectives=objectives,
         scenario=scenario,
         dynamics=dynamics,
@@ -173,7 +173,7 @@ def fly_front(
     )
 
 
-def load_front(path: str | Path) -> FlownFront:
+def load_front(path: str | Path) -> ReevaluatedFront:
     """Read a front that was written by `to_json`.
 
     Raises:
@@ -181,7 +181,7 @@ def load_front(path: str | Path) -> FlownFront:
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-        return FlownFront(
+        return ReevaluatedFront(
             objectives=Objectives.from_json(json.dumps(content["objectives"])),
             scenario=Scenario.from_dict(content["scenario"]),
             dynamics=content["dynamics"],
@@ -210,7 +210,7 @@ def knee(values: ArrayLike) -> int:
     return int(np.argmax(scaled.sum(axis=1)))
 
 
-def choose(front: FlownFront, *, weights: Sequence[float] | None = None, min_f1: float | None = None) -> int:
+def choose(front: ReevaluatedFront, *, weights: Sequence[float] | None = None, min_f1: float | None = None) -> int:
     """Number of the point of the front that suits best; the knee if nothing is asked.
 
     Args:
@@ -234,7 +234,7 @@ def choose(front: FlownFront, *, weights: Sequence[float] | None = None, min_f1:
     return best_with(front, 1, kept=0, least=min_f1)
 
 
-def best_with(front: FlownFront, wanted: int, *, kept: int, least: float) -> int:
+def best_with(front: ReevaluatedFront, wanted: int, *, kept: int, least: float) -> int:
     """Number of the point that is best in one objective, `wanted`, of those whose mean of `kept` is at least `least`.
 
     Raises:
@@ -252,7 +252,7 @@ def best_with(front: FlownFront, wanted: int, *, kept: int, least: float) -> int
     return int(front.remaining[np.argmax(np.where(reach, mean[:, wanted], -np.inf))])
 
 
-def point_json(front: FlownFront, number: int, *, rule: str) -> str:
+def point_json(front: ReevaluatedFront, number: int, *, rule: str) -> str:
     """A point of the front as the JSON that `moflock_mj.parameters.points.load_point` reads, with where it is from.
 
     Args:
@@ -265,7 +265,7 @@ def point_json(front: FlownFront, number: int, *, rule: str) -> str:
     fitness = zip(columns, front.fitness[number].mean(axis=0), strict=True)
     half_width = dict(zip(front.objectives.names, front.half_width[number].tolist(), strict=True))
     content = {
-        "params": FlockingParams(*front.points[number].tolist())._asdict(),
+        "params": VasarhelyiParams(*front.points[number].tolist())._asdict(),
         "provenance": {
             "chosen_as": rule,
             "objectives": {name: {"mean": float(m), "std": float(s)} for name, m, s in values},

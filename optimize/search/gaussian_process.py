@@ -26,10 +26,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 from threadpoolctl import ThreadpoolController
 
-MOST = 800
+MAX_POINTS = 800
 """Points that are taken into a regression, those that flew most and latest; its time grows with their cube."""
 
-_FEW = 200
+_SUBSET_SIZE = 200
 """Points that are enough to find the likeliest lengths, and a first belief by which the scatter is learnt."""
 
 _LENGTH_BOUNDS = (0.08, 20.0)
@@ -50,7 +50,7 @@ _PRIOR_FLIGHTS = 50.0
 """What the scatter over all points counts for at each level, in repeated flights. It must be many: points that were
 lucky in a few flights look both good and steady."""
 
-_LEAST_VARIANCE = 1e-6
+_MIN_VARIANCE = 1e-6
 
 _SLOPE_DEVIATION = 0.5
 """Of the slope with which an objective rises with a cheaper model's, about 1, before anything is known."""
@@ -77,7 +77,7 @@ class Flights(NamedTuple):
         return np.asarray(self.total / self.number[:, None])
 
 
-class Belief(NamedTuple):
+class Prediction(NamedTuple):
     """What is believed of points.
 
     Attributes:
@@ -89,18 +89,20 @@ class Belief(NamedTuple):
     deviation: NDArray[np.float64]
 
 
-class Regression:
+class GaussianProcess:
     """The regression of some flights; of no use, and `noisy` false, before any point flew twice and differently.
 
     Args:
         flights: at least one point.
         before: of fewer flights of the same search, whose lengths still do.
-        cheaper: of a cheaper model's flights; it helps once it is `noisy`.
+        low_fidelity: of a cheaper model's flights; it helps once it is `noisy`.
     """
 
-    def __init__(self, flights: Flights, before: Regression | None = None, cheaper: Regression | None = None) -> None:
+    def __init__(
+        self, flights: Flights, before: GaussianProcess | None = None, low_fidelity: GaussianProcess | None = None
+    ) -> None:
         self._flights = flights
-        cheaper = cheaper if cheaper is not None and cheaper.noisy else None
+        low_fidelity = low_fidelity if low_fidelity is not None and low_fidelity.noisy else None
         pooled = pooled_variance(flights)
         self.noisy: bool = bool(pooled.any())
         """Whether anything is known of the scatter."""
@@ -111,9 +113,9 @@ class Regression:
         last: NDArray[np.float64] | None = None
         if before is not None and before.noisy and self._sought < _GROWTH * before._sought:
             self._sought, (first, last) = before._sought, before._lengths
-        few = _Processes(flights, np.broadcast_to(pooled, flights.total.shape), _FEW, first, cheaper)
+        few = _Processes(flights, np.broadcast_to(pooled, flights.total.shape), _SUBSET_SIZE, first, low_fidelity)
         self._variance = flight_variance(flights, few.mean(flights.points))
-        self._processes = _Processes(flights, self._variance, MOST, last, cheaper)
+        self._processes = _Processes(flights, self._variance, MAX_POINTS, last, low_fidelity)
         self._lengths: tuple[NDArray[np.float64], NDArray[np.float64]] = (few.lengths, self._processes.lengths)
 
     def mean(self) -> NDArray[np.float64]:
@@ -123,18 +125,18 @@ class Regression:
             mean[self._processes.taken] = self._processes.own_mean
         return mean
 
-    def belief(self) -> Belief:
+    def prediction(self) -> Prediction:
         """The same with how sure it is."""
         deviation = np.zeros_like(self._flights.total)
         if self.noisy:
             taken = self._processes.taken
             deviation[:] = np.sqrt(self._variance / self._flights.number[:, None])
             deviation[taken] = self._processes.deviation(self._flights.points[taken])
-        return Belief(self.mean(), deviation)
+        return Prediction(self.mean(), deviation)
 
-    def foresee(self, points: NDArray[np.float64]) -> Belief:
+    def predict(self, points: NDArray[np.float64]) -> Prediction:
         """What is to be expected of points (m, D) that have not flown; only if `noisy`."""
-        return Belief(self._processes.mean(points), self._processes.deviation(points))
+        return Prediction(self._processes.mean(points), self._processes.deviation(points))
 
 
 def pooled_variance(flights: Flights) -> NDArray[np.float64]:
@@ -161,7 +163,7 @@ def flight_variance(flights: Flights, level: NDArray[np.float64]) -> NDArray[np.
         near = np.exp(-0.5 * ((_LEVELS[:, None] - level[:, k]) / _LEVEL_WIDTH) ** 2)
         learnt = (near @ scatter[:, k] + _PRIOR_FLIGHTS * pooled[k]) / (near @ freedom + _PRIOR_FLIGHTS)
         found[:, k] = np.interp(level[:, k], _LEVELS, learnt)
-    return np.maximum(found, _LEAST_VARIANCE)
+    return np.maximum(found, _MIN_VARIANCE)
 
 
 def _scatter(flights: Flights) -> NDArray[np.float64]:
@@ -177,7 +179,7 @@ class _Processes:
         variance: (n, K), of one flight.
         most: those that flew most and latest are taken.
         lengths: (K, D), as `lengths` below; sought if None.
-        cheaper: of a cheaper model's flights, or None.
+        low_fidelity: of a cheaper model's flights, or None.
 
     Attributes:
         taken: (m,), the numbers of the points that were taken.
@@ -191,23 +193,23 @@ class _Processes:
         variance: NDArray[np.float64],
         most: int,
         lengths: NDArray[np.float64] | None,
-        cheaper: Regression | None,
+        low_fidelity: GaussianProcess | None,
     ) -> None:
         self.taken = np.sort(np.lexsort((np.arange(len(flights.points)), flights.number))[-most:])
         spread = np.ptp(flights.points[self.taken], axis=0)
         self._width = np.where(spread > 0, spread, 1.0)
         self._points = flights.points[self.taken] / self._width
         values = means = flights.mean[self.taken]
-        noise = np.maximum(variance[self.taken], _LEAST_VARIANCE) / flights.number[self.taken, None]
-        self._cheaper, self._slope = cheaper, np.zeros(values.shape[1])
-        if cheaper is not None:
-            guess = cheaper.foresee(flights.points[self.taken]).mean
+        noise = np.maximum(variance[self.taken], _MIN_VARIANCE) / flights.number[self.taken, None]
+        self._low_fidelity, self._slope = low_fidelity, np.zeros(values.shape[1])
+        if low_fidelity is not None:
+            guess = low_fidelity.predict(flights.points[self.taken]).mean
             self._slope = _slope(values, noise, guess)
             values = means - self._slope * guess
         # One thread: more would wait for the workers' processors, and sum in an order that depends on their number.
         with _one_thread():
             if lengths is None:
-                few = np.linspace(0, len(values) - 1, min(_FEW, len(values))).astype(int)
+                few = np.linspace(0, len(values) - 1, min(_SUBSET_SIZE, len(values))).astype(int)
                 rows = [
                     _likeliest_lengths(self._points[few], *pair)
                     for pair in zip(values[few].T, noise[few].T, strict=True)
@@ -224,8 +226,8 @@ class _Processes:
         with _one_thread():
             columns = [fit.prior + _kernel(scaled, self._points, fit) @ fit.weights for fit in self._fits]
         mean = np.stack(columns, axis=1)
-        if self._cheaper is not None:
-            mean += self._slope * self._cheaper.foresee(points).mean
+        if self._low_fidelity is not None:
+            mean += self._slope * self._low_fidelity.predict(points).mean
         return np.clip(mean, 0.0, 1.0)
 
     def deviation(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -237,8 +239,8 @@ class _Processes:
                 explained = np.einsum("ij,ji->i", kernel, cho_solve(fit.factor, kernel.T))
                 columns.append(np.sqrt(np.maximum(fit.signal - explained, 0.0)))
         deviation = np.stack(columns, axis=1)
-        if self._cheaper is not None:
-            deviation = np.hypot(deviation, self._slope * self._cheaper.foresee(points).deviation)
+        if self._low_fidelity is not None:
+            deviation = np.hypot(deviation, self._slope * self._low_fidelity.predict(points).deviation)
         return deviation
 
 
@@ -301,7 +303,7 @@ def _likeliest_lengths(
     centred = values - np.average(values, weights=1 / (signal + noise))
     bounds = [tuple(np.log(_LENGTH_BOUNDS))] * points.shape[1]
     found = minimize(
-        unlikeliness,
+        negative_log_marginal_likelihood,
         np.zeros(points.shape[1]),
         args=(points, centred, noise, signal),
         jac=True,
@@ -312,7 +314,7 @@ def _likeliest_lengths(
     return np.asarray(np.exp(found.x))
 
 
-def unlikeliness(
+def negative_log_marginal_likelihood(
     log_lengths: NDArray[np.float64],
     points: NDArray[np.float64],
     centred: NDArray[np.float64],

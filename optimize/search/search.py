@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
 from optimize.evaluation.archive import Archive, installed_versions
-from optimize.evaluation.evaluation import OK, Evaluation, Task
+from optimize.evaluation.evaluation import OK, Evaluation, EvaluationTask
 from optimize.evaluation.executors import make_executor
 from optimize.evaluation.interface import Executor
 from optimize.search.algorithms import make_algorithm
-from optimize.search.allocation import Plan, Trials, noise_policy
+from optimize.search.allocation import BudgetAllocator, EvaluationBatch, noise_policy
 from optimize.search.configuration import Configuration
 from optimize.search.estimates import Estimate, estimated_front, hypervolume
 from optimize.search.run_directory import RunDirectory
@@ -119,20 +119,20 @@ def search(
         return session.result(complete=complete)
 
 
-def make_plan(configuration: Configuration) -> Plan:
+def make_plan(configuration: Configuration) -> BudgetAllocator:
     """How the configured search spends its flights; the same each time."""
     settings = configuration.settings
     flight_seeds, algorithm_seed, screen_seeds = np.random.SeedSequence(settings.seed).spawn(3)
     objectives = len(configuration.maximised.names)
     policy = noise_policy(settings.noise, settings.population)
-    return Plan(
+    return BudgetAllocator(
         make_algorithm(
             settings.algorithm,
             objectives,
             settings.population,
             int(algorithm_seed.generate_state(1)[0]),
-            brood=policy.brood,
-            first_brood=policy.brood if settings.screen else 1,
+            offspring_per_slot=policy.offspring_per_slot,
+            first_brood=policy.offspring_per_slot if settings.screen else 1,
             unbounded=settings.unbounded,
             start=configuration.bounds.to_unit(configuration.start) if configuration.start else None,
         ),
@@ -170,7 +170,7 @@ class _Session:
         self.hypervolume: float | None = None
         self._began = time.monotonic()
 
-    def fly(self, trials: Trials) -> NDArray[np.float64]:
+    def fly(self, trials: EvaluationBatch) -> NDArray[np.float64]:
         """Objectives (n, S, K) of a generation, flown or found in the archive.
 
         Raises:
@@ -180,7 +180,7 @@ class _Session:
         self._generation += 1
         return values
 
-    def screen(self, trials: Trials) -> NDArray[np.float64]:
+    def screen(self, trials: EvaluationBatch) -> NDArray[np.float64]:
         """The same on point masses, before the generation flies."""
         assert self._screened is not None  # for the type checker: a search that screens has an executor for it
         return self._values(self._screened, trials)
@@ -203,11 +203,11 @@ class _Session:
             complete=complete,
         )
 
-    def _values(self, flown: _Flown, trials: Trials) -> NDArray[np.float64]:
+    def _values(self, flown: _Flown, trials: EvaluationBatch) -> NDArray[np.float64]:
         first = len(flown.evaluations)
         points = self._run.configuration.bounds.from_unit(trials.points)
         pairs = zip(points.tolist(), trials.seeds, strict=True)
-        tasks = [Task(first + i, FlockingParams(*point), seeds) for i, (point, seeds) in enumerate(pairs)]
+        tasks = [EvaluationTask(first + i, VasarhelyiParams(*point), seeds) for i, (point, seeds) in enumerate(pairs)]
         for _ in flown.fly(tasks, self._generation, self._run.configuration):
             if self._progress:
                 self._progress(self._how_far())
@@ -245,7 +245,7 @@ class _Flown:
         self.evaluations: list[Evaluation] = []
         self.flights = self.infeasible = self.replayed = 0
 
-    def fly(self, tasks: list[Task], generation: int, configuration: Configuration) -> Iterator[Evaluation]:
+    def fly(self, tasks: list[EvaluationTask], generation: int, configuration: Configuration) -> Iterator[Evaluation]:
         """Recall the tasks that the archive has, fly and archive the others; gives these as they are done."""
         for task in tasks:
             if task.number in self._archived:
@@ -261,7 +261,7 @@ class _Flown:
         self.flights += len(evaluation.seeds)
         self.infeasible += evaluation.outcome != OK
 
-    def _recall(self, task: Task, generation: int, configuration: Configuration) -> Evaluation:
+    def _recall(self, task: EvaluationTask, generation: int, configuration: Configuration) -> Evaluation:
         """A task's evaluation from the archive.
 
         Raises:
@@ -278,7 +278,7 @@ class _Flown:
         raise SearchError(f"{where} is not what this search asks for: {why}")
 
 
-def crews(
+def open_executors(
     configuration: Configuration, workers: int, scheduler: str | None, resources: contextlib.ExitStack
 ) -> tuple[Executor, Executor | None]:
     """Workers of a search, and those of the point masses by which it is screened, if it is; they end with `resources`.

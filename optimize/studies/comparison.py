@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.search.front import FlownFront
+from optimize.search.front import ReevaluatedFront
 
 SEEDS = 40
 """Fresh seeds on which the fronts are compared."""
 
-ENTRANTS: Mapping[str, Mapping[str, Any]] = {
+COMPETITORS: Mapping[str, Mapping[str, Any]] = {
     "NSGA-II": {"algorithm": "nsga2"},
     "U-NSGA-III": {"algorithm": "unsga3"},
     "NSGA-II, one fixed seed": {"algorithm": "nsga2", "noise": "fixed"},
@@ -38,7 +38,7 @@ class Score(NamedTuple):
     best: NDArray[np.float64]
 
 
-def score(fronts: Sequence[FlownFront], seeds: int = SEEDS) -> Score:
+def score(fronts: Sequence[ReevaluatedFront], seeds: int = SEEDS) -> Score:
     """Score the fronts of a search's runs, on their first `seeds` fresh seeds.
 
     Args:

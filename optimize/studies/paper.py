@@ -18,10 +18,10 @@ from moflock_mj.files import new_file
 from moflock_mj.flight import fly
 from moflock_mj.parameters.points import paper_point
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.visualization.flight_figure import draw_picture
+from moflock_mj.visualization.flight_figure import save_flight_figure
 from optimize.analysis.pca import Agreement, agreement, components_json, grouped_by_sign, study
 from optimize.cli.console import flights_progress
-from optimize.evaluation.batch import fly_points, fresh_seeds
+from optimize.evaluation.batch import evaluate_batch, fresh_seeds
 from optimize.evaluation.evaluation import Job, search_scenario
 from optimize.evaluation.executors import make_executor
 from optimize.evaluation.interface import Executor
@@ -29,14 +29,14 @@ from optimize.evaluation.objectives import PAPER
 from optimize.reports.figures import save
 from optimize.reports.flight_figures import target_figure
 from optimize.reports.search_report import write_report
-from optimize.search.configuration import Configuration, Settings
+from optimize.search.configuration import Configuration, SearchConfig
 from optimize.search.findings import COMPONENTS, Findings, best_singles, flown_front, gather
-from optimize.search.front import SEEDS, FlownFront, point_json
+from optimize.search.front import SEEDS, ReevaluatedFront, point_json
 from optimize.search.run_directory import RunDirectory
 from optimize.search.search import search
 from optimize.studies import comparison
 from optimize.studies.comparison import score
-from optimize.studies.paper_page import Single, Study, named_points, page
+from optimize.studies.paper_page import Single, Study, named_points, render_paper_page
 
 NAMED_POINTS = Path(__file__).parents[2] / "moflock_mj" / "parameters" / "named_points"
 """Where `moflock_mj.parameters.points` finds the project's own points."""
@@ -85,7 +85,7 @@ def reproduce(scenario: Scenario, logs: Path, docs: Path, named: Path, *, worker
     pictures = docs / "reproduction"
     runs = {
         name: [_searched(logs, scenario, workers, effort, seed=seed, **chosen) for seed in range(1, effort.runs + 1)]
-        for name, chosen in comparison.ENTRANTS.items()
+        for name, chosen in comparison.COMPETITORS.items()
     }
     main, single = runs["NSGA-II"][0], runs["CMA-ES"][0]
     analyses = _analyses(main, scenario, workers, effort)
@@ -105,7 +105,7 @@ def reproduce(scenario: Scenario, logs: Path, docs: Path, named: Path, *, worker
             place.write_text(point_json(found.front, number, rule=rule), encoding="utf-8")
     page_path = docs / "reproduction.md"
     with new_file(page_path) as place:
-        place.write_text(page(told), encoding="utf-8")
+        place.write_text(render_paper_page(told), encoding="utf-8")
     return page_path
 
 
@@ -113,7 +113,7 @@ def _searched(
     logs: Path, scenario: Scenario, workers: int, effort: Effort, *, coverage: bool = False, **chosen: Any
 ) -> Path:
     """The directory of a search that is over; a search that was broken off goes on."""
-    settings = Settings(budget=effort.budget, **chosen)
+    settings = SearchConfig(budget=effort.budget, **chosen)
     configuration = Configuration(
         scenario=scenario, objectives=PAPER.with_coverage() if coverage else PAPER, settings=settings
     )
@@ -138,7 +138,7 @@ def _findings(main: Path, single: Path, executor: Executor, seeds: int) -> Findi
         return gather(run, executor, compared=[other], seeds=seeds, told=told)
 
 
-def _front(path: Path, executor: Executor, seeds: int) -> FlownFront:
+def _front(path: Path, executor: Executor, seeds: int) -> ReevaluatedFront:
     with RunDirectory.open(path) as run, flights_progress(f"front of {path.name}") as told:
         return flown_front(run, executor, seeds, told)
 
@@ -157,7 +157,7 @@ def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort
                 (params,) = best_singles([run]).values()
                 used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
             seeds = fresh_seeds(effort.fresh, used)
-            flown = fly_points(executor, np.array([params]), [seeds], told)
+            flown = evaluate_batch(executor, np.array([params]), [seeds], told)
             found[name] = Single(params, flown.fitness[0], seeds[0])
     return found
 
@@ -165,7 +165,7 @@ def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort
 def _draw_flight(single: Single, scenario: Scenario, out: Path) -> None:
     flight = fly(single.params, scenario=scenario, dynamics="point_mass", seed=single.seed)
     with new_file(out) as place:
-        draw_picture(flight, place)
+        save_flight_figure(flight, place)
 
 
 def _analyses(run: Path, scenario: Scenario, workers: int, effort: Effort) -> list[Agreement]:

@@ -8,18 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.analysis.target_tracking import TargetResult
 from optimize.analysis.pca import Agreement
 from optimize.analysis.published_results import COVARIANCE, FIRST_COMPONENT, PAPER_RESULTS
 from optimize.evaluation.objectives import FITNESS_NAMES
 from optimize.reports.tables import markdown
 from optimize.search.findings import Findings
-from optimize.search.front import FlownFront, best_with, knee
+from optimize.search.front import ReevaluatedFront, best_with, knee
 from optimize.studies import comparison
 from optimize.studies.comparison import Score
 
-_LEAST = 0.7
+_MIN_SHARE = 0.7
 """What `fast` keeps of the last objective and `cohesive` of the first: a flock that gives one up is no use."""
 
 
@@ -32,7 +32,7 @@ class Single(NamedTuple):
         seed: the first of the seeds.
     """
 
-    params: FlockingParams
+    params: VasarhelyiParams
     fitness: NDArray[np.float64]
     seed: int
 
@@ -57,29 +57,29 @@ class Study(NamedTuple):
     tracked: Mapping[str, Sequence[TargetResult]]
 
 
-def named_points(front: FlownFront) -> dict[str, tuple[int, str]]:
+def named_points(front: ReevaluatedFront) -> dict[str, tuple[int, str]]:
     """Of each named point its number on the front and the rule by which it is chosen."""
     first, last = front.objectives.names[0], front.objectives.names[-1]
     return {
         "fast": (
-            best_with(front, 0, kept=1, least=_LEAST),
-            f"best mean {first} with a mean {last} of {_LEAST} or more",
+            best_with(front, 0, kept=1, least=_MIN_SHARE),
+            f"best mean {first} with a mean {last} of {_MIN_SHARE} or more",
         ),
-        "knee": (_useful_knee(front), f"knee of the front where both means are {_LEAST} or more"),
+        "knee": (_useful_knee(front), f"knee of the front where both means are {_MIN_SHARE} or more"),
         "cohesive": (
-            best_with(front, 1, kept=0, least=_LEAST),
-            f"best mean {last} with a mean {first} of {_LEAST} or more",
+            best_with(front, 1, kept=0, least=_MIN_SHARE),
+            f"best mean {last} with a mean {first} of {_MIN_SHARE} or more",
         ),
     }
 
 
-def _useful_knee(front: FlownFront) -> int:
+def _useful_knee(front: ReevaluatedFront) -> int:
     """Number of the point at the knee of the part of the front that gives up neither objective."""
-    useful = front.remaining[(front.mean[front.remaining] >= _LEAST).all(axis=1)]
+    useful = front.remaining[(front.mean[front.remaining] >= _MIN_SHARE).all(axis=1)]
     return int(useful[knee(front.mean[useful])]) if useful.size else front.knee
 
 
-def page(study: Study) -> str:
+def render_paper_page(study: Study) -> str:
     """The page."""
     return (
         "\n\n".join(
@@ -224,6 +224,6 @@ def _target_section(tracked: Mapping[str, Sequence[TargetResult]]) -> str:
     )
 
 
-def _cells(front: FlownFront, number: int) -> tuple[str, ...]:
+def _cells(front: ReevaluatedFront, number: int) -> tuple[str, ...]:
     pairs = zip(front.mean[number], front.deviation[number], strict=True)
     return tuple(f"{mean:.3f} ± {spread:.3f}" for mean, spread in pairs)

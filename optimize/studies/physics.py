@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.analysis.identification import calibrated
 from moflock_mj.errors import SearchError
 from moflock_mj.files import new_file
@@ -31,13 +31,22 @@ from optimize.evaluation.executors import make_executor
 from optimize.evaluation.interface import Executor
 from optimize.evaluation.objectives import PAPER
 from optimize.reports.figures import save
-from optimize.search.configuration import Configuration, Settings
+from optimize.search.configuration import Configuration, SearchConfig
 from optimize.search.findings import FRONT
-from optimize.search.front import FlownFront, candidates, fly_front, load_front
+from optimize.search.front import ReevaluatedFront, candidates, fly_front, load_front
 from optimize.search.run_directory import RunDirectory
-from optimize.search.search import crews, search
+from optimize.search.search import open_executors, search
 from optimize.studies.paper import NAMED_POINTS
-from optimize.studies.physics_page import KINDS, PLAIN, REFINED, SCREENED, Flights, Fronts, fronts_figure, page
+from optimize.studies.physics_page import (
+    KINDS,
+    PLAIN,
+    REFINED,
+    SCREENED,
+    Flights,
+    Fronts,
+    fronts_figure,
+    render_physics_page,
+)
 from optimize.validation.flyable import NAMED, best_flyable, judge_points, promising_points, provenance
 
 
@@ -110,7 +119,7 @@ def make_study(
             place.write_text(provenance(judged, best), encoding="utf-8")
     with new_file(docs / "physics.md") as place:
         flights = Flights(effort.flights, _screening_flights(runs[SCREENED]), screening.point_mass)
-        place.write_text(page(fronts, flights, judged, best), encoding="utf-8")
+        place.write_text(render_physics_page(fronts, flights, judged, best), encoding="utf-8")
     save(lambda: fronts_figure(fronts, judged), docs / "physics" / "fronts.png")
     return docs / "physics.md"
 
@@ -140,23 +149,23 @@ def _searched(
 ) -> Path:
     """The directory of a search on bodies that is over; a search that was broken off goes on."""
     path = logs / f"{kind}-{seed}"
-    settings = Settings(
+    settings = SearchConfig(
         dynamics="rigid_body", screen=kind != PLAIN, seed=seed, budget=effort.flights, population=effort.population
     )
-    first = tuple(FlockingParams(*point) for point in start.tolist()) if kind == REFINED else ()
+    first = tuple(VasarhelyiParams(*point) for point in start.tolist()) if kind == REFINED else ()
     configuration = Configuration(scenario=scenario, settings=settings, start=first)
     with contextlib.ExitStack() as resources:
         known = (path / "configuration.json").exists()
         run = resources.enter_context(RunDirectory.open(path) if known else RunDirectory.create(path, configuration))
         if (run.configuration.settings, run.configuration.start) != (settings, first):
             raise SearchError(f"run directory {path}: it is of another search; remove it")
-        executor, screening = crews(run.configuration, workers, None, resources)
+        executor, screening = open_executors(run.configuration, workers, None, resources)
         told = resources.enter_context(search_progress(run.configuration))
         search(run, executor, told, screening=screening)
     return path
 
 
-def _front_of(path: Path, executor: Executor, scenario: Scenario, seeds: Sequence[int], most: int) -> FlownFront:
+def _front_of(path: Path, executor: Executor, scenario: Scenario, seeds: Sequence[int], most: int) -> ReevaluatedFront:
     """A search's candidates on bodies; the front stays in its directory, where other commands look for it."""
     with RunDirectory.open(path) as run:
         points = candidates(run.evaluations(), PAPER, most)
@@ -165,7 +174,7 @@ def _front_of(path: Path, executor: Executor, scenario: Scenario, seeds: Sequenc
 
 def _flown(
     path: Path, points: NDArray[np.float64], executor: Executor, scenario: Scenario, seeds: Sequence[int]
-) -> FlownFront:
+) -> ReevaluatedFront:
     """Points on bodies: read, if the file has just these on these seeds, else flown and written."""
     if path.exists():
         known = load_front(path)
@@ -186,7 +195,7 @@ def _flown(
     return front
 
 
-def _thinned(front: FlownFront, most: int) -> NDArray[np.float64]:
+def _thinned(front: ReevaluatedFront, most: int) -> NDArray[np.float64]:
     """The points of a front that remain, at most `most`, spread evenly along it, its ends and its knee among them."""
     kept = front.remaining
     if len(kept) > most:

@@ -11,14 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
-from moflock_mj.scenario.effect_configs import PointMassResponse
+from controllers.policies.vasarhelyi import VasarhelyiParams
+from moflock_mj.scenario.effect_configs import PointMassConfig
 from moflock_mj.visualization.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK
 from optimize.analysis.statistics import half_width
 from optimize.reports.figures import new_figure
 from optimize.reports.tables import markdown
 from optimize.search.estimates import hypervolume
-from optimize.search.front import FlownFront
+from optimize.search.front import ReevaluatedFront
 from optimize.validation.flyable import NAMED, RULE, front_on_bodies
 from optimize.validation.validation import RIGID_BODY, Validation
 
@@ -46,9 +46,9 @@ class Fronts(NamedTuple):
         searched: of each search on bodies, by its kind, of KINDS.
     """
 
-    found_there: FlownFront
-    point_mass: FlownFront
-    searched: dict[str, tuple[FlownFront, ...]]
+    found_there: ReevaluatedFront
+    point_mass: ReevaluatedFront
+    searched: dict[str, tuple[ReevaluatedFront, ...]]
 
 
 class Volume(NamedTuple):
@@ -72,10 +72,10 @@ class Flights(NamedTuple):
 
     bodies: int
     point_masses: int
-    response: PointMassResponse
+    response: PointMassConfig
 
 
-def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None) -> str:
+def render_physics_page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None) -> str:
     """The page, in Markdown.
 
     Args:
@@ -131,20 +131,20 @@ def page(fronts: Fronts, flights: Flights, judged: Validation, best: int | None)
     )
 
 
-def hypervolumes(fronts: Sequence[FlownFront]) -> Volume:
+def hypervolumes(fronts: Sequence[ReevaluatedFront]) -> Volume:
     """Mean hypervolume of fronts on the same seeds."""
     values = np.mean([_pseudovalues(front) for front in fronts], axis=0)
     return Volume(float(np.mean([front.hypervolume for front in fronts])), float(half_width(values, axis=0)))
 
 
-def difference(first: Sequence[FlownFront], second: Sequence[FlownFront]) -> Volume:
+def difference(first: Sequence[ReevaluatedFront], second: Sequence[ReevaluatedFront]) -> Volume:
     """By how much the mean hypervolume of some fronts is above that of others on the same seeds."""
     values = [np.mean([_pseudovalues(front) for front in fronts], axis=0) for fronts in (first, second)]
     mean = [np.mean([front.hypervolume for front in fronts]) for fronts in (first, second)]
     return Volume(float(mean[0] - mean[1]), float(half_width(values[0] - values[1], axis=0)))
 
 
-def _pseudovalues(front: FlownFront) -> NDArray[np.float64]:
+def _pseudovalues(front: ReevaluatedFront) -> NDArray[np.float64]:
     """The jackknife's pseudovalues (S,) of the hypervolume: what each seed has contributed to it."""
     values = front.values
     count = values.shape[1]
@@ -152,7 +152,7 @@ def _pseudovalues(front: FlownFront) -> NDArray[np.float64]:
     return np.asarray(count * front.hypervolume - (count - 1) * np.array(without))
 
 
-def _best(fronts: Sequence[FlownFront]) -> list[str]:
+def _best(fronts: Sequence[ReevaluatedFront]) -> list[str]:
     best = np.mean([front.mean.max(axis=0) for front in fronts], axis=0)
     knee = np.mean([front.mean[front.knee] for front in fronts], axis=0)
     return [f"{value:.3f}" for value in (*best, *knee)]
@@ -166,7 +166,7 @@ def _differences(fronts: Fronts) -> list[str]:
     return [f"hypervolume, {name}: {difference(first, second)}" for name, first, second in pairs]
 
 
-def together_front(fronts: Fronts) -> FlownFront:
+def together_front(fronts: Fronts) -> ReevaluatedFront:
     """The points of all searches on bodies as one front."""
     found = [front for some in fronts.searched.values() for front in some]
     return dataclasses.replace(
@@ -178,13 +178,13 @@ def together_front(fronts: Fronts) -> FlownFront:
     )
 
 
-def _points_table(front: FlownFront) -> str:
+def _points_table(front: ReevaluatedFront) -> str:
     rows = [(front.mean[number], front.half_width[number], front.points[number]) for number in front.remaining]
     words = [
         (*(f"{m:.3f} +- {h:.3f}" for m, h in zip(mean, width, strict=True)), *(f"{value:.4g}" for value in point))
         for mean, width, point in rows
     ]
-    return markdown((*front.objectives.names, *FlockingParams._fields), words)
+    return markdown((*front.objectives.names, *VasarhelyiParams._fields), words)
 
 
 def _named(judged: Validation, best: int | None) -> str:
@@ -221,7 +221,7 @@ def fronts_figure(fronts: Fronts, judged: Validation) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, fronts: Sequence[FlownFront], colour: str, marker: str, label: str) -> None:
+def _draw(axes: Axes, fronts: Sequence[ReevaluatedFront], colour: str, marker: str, label: str) -> None:
     """Each front as a line with bars, and faintly what it dominates."""
     for number, front in enumerate(fronts):
         kept = front.remaining

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from moflock_mj.analysis.identification import identify
 from moflock_mj.files import new_file
-from moflock_mj.scenario.effect_configs import PointMassResponse
+from moflock_mj.scenario.effect_configs import PointMassConfig
 from moflock_mj.scenario.scenario import Scenario
 from optimize.analysis.statistics import half_width
 from optimize.cli.console import TERMINAL, flights_progress
-from optimize.evaluation.batch import FlownPoints, fly_points
+from optimize.evaluation.batch import FlownPoints, evaluate_batch
 from optimize.evaluation.evaluation import FIGURE_NAMES, Job, search_scenario
 from optimize.evaluation.executors import make_executor
 from optimize.evaluation.objectives import PAPER
@@ -27,8 +27,8 @@ from optimize.reports import identification_tables
 from optimize.reports.figures import save
 from optimize.reports.tables import Words, markdown
 from optimize.reports.validation_figures import fronts_figure
-from optimize.reports.validation_page import page, write
-from optimize.validation.run import take_up
+from optimize.reports.validation_page import render_validation_page, write
+from optimize.validation.run import run_validation
 from optimize.validation.validation import POINT_MASS, RIGID_BODY, SEEDS, Validation, make_settings
 
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive", "steady")
@@ -54,7 +54,7 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_
     Raises:
         MoflockError: something cannot be flown or written, or the directory is of another study.
     """
-    found, logged = take_up(
+    found, logged = run_validation(
         logs, make_settings(scenario, POINTS, seeds, fault_seeds), workers=workers, logs=True, terminal=TERMINAL
     )
     write(found, logged, logs)
@@ -64,7 +64,7 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_
     sections = [f"## {table.title}\n\n{markdown(table.head, table.rows)}" for table in words]
     text = "\n\n".join(
         [
-            page(found, logged, "validation/fronts.png").rstrip(),
+            render_validation_page(found, logged, "validation/fronts.png").rstrip(),
             "## The point mass of this airframe",
             "Written by `make validation`. `moflock identify` flies velocity steps on the rigid body and fits the "
             "point mass to them; its delay stands inside the velocity's loop.",
@@ -116,14 +116,14 @@ def _shares(
     return [f"{100 * (value[number] / body[number] - 1):+.1f} %" for value in (plain, fitted)]
 
 
-def _calibrated(found: Validation, response: PointMassResponse, workers: int) -> FlownPoints:
+def _calibrated(found: Validation, response: PointMassConfig, workers: int) -> FlownPoints:
     """The same points and seeds on point masses with the response of the airframe."""
     settings = found.settings
     scenario = search_scenario(settings.scenario.replace(point_mass=response), "point_mass")
     points = np.array(list(settings.points.values()), np.float64)
     job = Job(scenario=scenario, dynamics="point_mass")
     with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as told:
-        return fly_points(executor, points, [settings.seeds] * len(points), told)
+        return evaluate_batch(executor, points, [settings.seeds] * len(points), told)
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from moflock_mj.scenario.faults import KINDS, Fault
+from moflock_mj.scenario.faults import KINDS, FaultConfig
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import FIGURE_NAMES, Evaluation
 from optimize.evaluation.objectives import PAPER
@@ -98,15 +98,15 @@ def standard_faults(scenario: Scenario) -> dict[str, Scenario]:
     one drone or all. Point masses refuse `rotor_loss`.
     """
     at = scenario.duration / 3
-    passing = functools.partial(Fault, at=at, lasts=at)
+    passing = functools.partial(FaultConfig, at=at, lasts=at)
     faults = {
-        "rotor_loss": Fault(kind="rotor_loss", at=at, drone=0, rotor=0, effectiveness=0.5),
+        "rotor_loss": FaultConfig(kind="rotor_loss", at=at, drone=0, rotor=0, effectiveness=0.5),
         "gps_outage": passing(kind="gps_outage", drone=0),
         "gps_jump": passing(kind="gps_jump", drone=0, jump=(10.0, 0.0)),
         "blackout": passing(kind="blackout", drone=0),
         "blackout_of_all": passing(kind="blackout"),
         "packet_loss": passing(kind="packet_loss", share=0.5),
         "silent": passing(kind="silent", drone=0),
-        "switched_off": Fault(kind="switched_off", at=at, drone=0),
+        "switched_off": FaultConfig(kind="switched_off", at=at, drone=0),
     }
     return {name: scenario.replace(faults=(fault,)) for name, fault in faults.items()}

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.metrics.verdict import FLYABLE, judge
 from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import OK, Evaluation, figure_columns
 from optimize.evaluation.objectives import PAPER
-from optimize.search.front import FlownFront, candidates, point_json
+from optimize.search.front import ReevaluatedFront, candidates, point_json
 from optimize.search.run_directory import RunDirectory
-from optimize.validation.run import Terminal, take_up
-from optimize.validation.validation import DYNAMICS, RIGID_BODY, Settings, Validation
+from optimize.validation.run import Terminal, run_validation
+from optimize.validation.validation import DYNAMICS, RIGID_BODY, Validation, ValidationConfig
 
 NAMED = "steady"
 """What the best flyable point is called."""
@@ -29,7 +29,7 @@ RULE = "largest product of mean F_1 and F_2 of the points that are flyable and k
 """Twice, since what 20 flights have just kept, the next 20 may not."""
 
 
-def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, FlockingParams]:
+def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, VasarhelyiParams]:
     """Candidates, at most `most`, among points that kept all limits, and twice the separation, in all their flights.
 
     Args:
@@ -40,7 +40,7 @@ def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dic
     Returns:
         The points by name, P1 and so on.
     """
-    flown: defaultdict[FlockingParams, list[Evaluation]] = defaultdict(list)
+    flown: defaultdict[VasarhelyiParams, list[Evaluation]] = defaultdict(list)
     for path in runs:
         with RunDirectory.open(path) as run:
             for evaluation in run.evaluations():
@@ -57,7 +57,7 @@ def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dic
 
 def judge_points(
     path: Path,
-    points: Mapping[str, FlockingParams],
+    points: Mapping[str, VasarhelyiParams],
     scenario: Scenario,
     seeds: tuple[int, ...],
     workers: int,
@@ -66,10 +66,10 @@ def judge_points(
     """Validate points in a directory, which is taken up again.
 
     Raises:
-        MoflockError: there are none, or see `take_up`.
+        MoflockError: there are none, or see `run_validation`.
     """
-    settings = Settings(scenario=scenario, points=points, seeds=seeds)
-    return take_up(path, settings, workers=workers, logs=False, terminal=terminal)[0]
+    settings = ValidationConfig(scenario=scenario, points=points, seeds=seeds)
+    return run_validation(path, settings, workers=workers, logs=False, terminal=terminal)[0]
 
 
 def best_flyable(found: Validation) -> int | None:
@@ -80,9 +80,9 @@ def best_flyable(found: Validation) -> int | None:
     return max(safe, key=lambda number: float(products[number]), default=None)
 
 
-def front_on_bodies(found: Validation) -> FlownFront:
+def front_on_bodies(found: Validation) -> ReevaluatedFront:
     """The points of a validation as they flew on bodies."""
-    return FlownFront(
+    return ReevaluatedFront(
         objectives=PAPER,
         scenario=found.settings.scenario,
         dynamics=DYNAMICS[RIGID_BODY],

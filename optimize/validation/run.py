@@ -10,10 +10,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from moflock_mj.errors import SearchError
-from optimize.evaluation.batch import Told
+from optimize.evaluation.batch import ProgressCallback
 from optimize.evaluation.executors import make_executor
 from optimize.evaluation.interface import Executor
-from optimize.validation.validation import Settings, Validation, ValidationDirectory, fly_missing, gather, log_worst
+from optimize.validation.validation import (
+    Validation,
+    ValidationConfig,
+    ValidationDirectory,
+    fly_missing,
+    gather,
+    log_worst,
+)
 
 LOGS = "logs"
 """Folder of the worst flights' logs in a validation's directory."""
@@ -27,11 +34,13 @@ class Terminal(NamedTuple):
         stop: opens what answers whether the user has asked to stop.
     """
 
-    progress: Callable[[str], AbstractContextManager[Told]]
+    progress: Callable[[str], AbstractContextManager[ProgressCallback]]
     stop: Callable[[], AbstractContextManager[Callable[[], bool]]]
 
 
-def crews(settings: Settings, workers: int, scheduler: str | None, resources: contextlib.ExitStack) -> list[Executor]:
+def open_executors(
+    settings: ValidationConfig, workers: int, scheduler: str | None, resources: contextlib.ExitStack
+) -> list[Executor]:
     """Workers for each of the settings' jobs, that end with the resources.
 
     Raises:
@@ -40,7 +49,7 @@ def crews(settings: Settings, workers: int, scheduler: str | None, resources: co
     return [resources.enter_context(make_executor(job, workers, scheduler)) for job in settings.jobs()]
 
 
-def validated(
+def fly_validation(
     run: ValidationDirectory, executors: Sequence[Executor], *, logs: bool, terminal: Terminal
 ) -> tuple[Validation | None, dict[str, Path]]:
     """Fly what is missing in a directory; None if Ctrl-C came first. The logs of the worst seeds, if asked."""
@@ -54,8 +63,8 @@ def validated(
         return found, log_worst(found, run.path / LOGS, told)
 
 
-def take_up(
-    path: Path, settings: Settings, *, workers: int, logs: bool, terminal: Terminal
+def run_validation(
+    path: Path, settings: ValidationConfig, *, workers: int, logs: bool, terminal: Terminal
 ) -> tuple[Validation, dict[str, Path]]:
     """Fly what a study's directory lacks, which is made if there is none; its findings and the logs, if asked.
 
@@ -66,7 +75,9 @@ def take_up(
     with run, contextlib.ExitStack() as resources:
         if dataclasses.replace(run.settings, versions=settings.versions) != settings:
             raise SearchError(f"run directory {path}: it is of another scenario, other points or seeds; remove it")
-        found, logged = validated(run, crews(settings, workers, None, resources), logs=logs, terminal=terminal)
+        found, logged = fly_validation(
+            run, open_executors(settings, workers, None, resources), logs=logs, terminal=terminal
+        )
     if found is None:
         raise SearchError(f"run directory {path}: stopped before its end; run it again to go on")
     return found, logged

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import FlockingParams
+from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.errors import SearchError
 from moflock_mj.fields import check_keys
@@ -20,10 +20,18 @@ from moflock_mj.flight import fly
 from moflock_mj.metrics.verdict import Verdict, judge
 from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.simulation.simulation import Simulation
 from optimize.evaluation.archive import Archive, installed_versions, read_directory, write_directory
-from optimize.evaluation.batch import Told, fresh_seeds
-from optimize.evaluation.evaluation import FIGURE_NAMES, OK, Evaluation, Job, Task, figure_columns, search_scenario
+from optimize.evaluation.batch import ProgressCallback, fresh_seeds
+from optimize.evaluation.evaluation import (
+    FIGURE_NAMES,
+    OK,
+    Evaluation,
+    EvaluationTask,
+    Job,
+    figure_columns,
+    search_scenario,
+)
 from optimize.evaluation.interface import Executor
 from optimize.evaluation.objectives import PAPER
 from optimize.search.estimates import non_dominated
@@ -39,11 +47,11 @@ SEEDS = 20
 FAULT_SEEDS = 5
 """Flights of each point with each fault, where faults are wanted and nothing else is said."""
 
-_MOST_SEEDS = 10_000
+_MAX_SEEDS = 10_000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
+class ValidationConfig:
     """What is validated: everything that the result depends on.
 
     Attributes:
@@ -58,7 +66,7 @@ class Settings:
     """
 
     scenario: Scenario
-    points: Mapping[str, FlockingParams]
+    points: Mapping[str, VasarhelyiParams]
     seeds: tuple[int, ...]
     fault_seeds: int = 0
     versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
@@ -85,11 +93,11 @@ class Settings:
         variants = tuple(standard_faults(rigid_body.scenario).values()) if self.fault_seeds else ()
         return point_mass, dataclasses.replace(rigid_body, variants=variants)
 
-    def tasks(self) -> tuple[list[Task], list[Task]]:
+    def tasks(self) -> tuple[list[EvaluationTask], list[EvaluationTask]]:
         """One flight each, in the order of DYNAMICS, with consecutive numbers; those with faults come last."""
         wanted = [(params, seed) for params in self.points.values() for seed in self.seeds]
         point_mass, rigid_body = (
-            [Task(first + number, params, (seed,)) for number, (params, seed) in enumerate(wanted)]
+            [EvaluationTask(first + number, params, (seed,)) for number, (params, seed) in enumerate(wanted)]
             for first in (0, len(wanted))
         )
         faulty = [
@@ -99,7 +107,7 @@ class Settings:
             for seed in self.seeds[: self.fault_seeds]
         ]
         rigid_body += [
-            Task(2 * len(wanted) + number, params, (seed,), variant)
+            EvaluationTask(2 * len(wanted) + number, params, (seed,), variant)
             for number, (params, seed, variant) in enumerate(faulty)
         ]
         return point_mass, rigid_body
@@ -113,7 +121,7 @@ class Settings:
         for job in self.jobs():
             for params in self.points.values():
                 for scenario in (job.scenario, *job.variants):
-                    Flock(params, scenario, job.dynamics, self.seeds[0])
+                    Simulation(params, scenario, job.dynamics, self.seeds[0])
 
     def to_json(self) -> str:
         """All but the scenario, which is a file of its own."""
@@ -126,7 +134,7 @@ class Settings:
         return json.dumps(content, indent=1) + "\n"
 
     @classmethod
-    def from_texts(cls, configuration: str, scenario: str) -> Settings:
+    def from_texts(cls, configuration: str, scenario: str) -> ValidationConfig:
         """Read what `to_json` and the scenario's `to_toml` wrote.
 
         Raises:
@@ -162,12 +170,12 @@ class ValidationDirectory(Archive):
         settings: what is validated.
     """
 
-    def __init__(self, path: Path, settings: Settings) -> None:
+    def __init__(self, path: Path, settings: ValidationConfig) -> None:
         super().__init__(path)
         self.settings = settings
 
     @classmethod
-    def create(cls, path: Path, settings: Settings) -> ValidationDirectory:
+    def create(cls, path: Path, settings: ValidationConfig) -> ValidationDirectory:
         """Make a new directory.
 
         Raises:
@@ -183,7 +191,7 @@ class ValidationDirectory(Archive):
         Raises:
             SearchError: it is none, or it cannot be read.
         """
-        run = cls(path, read_directory(path, Settings.from_texts))
+        run = cls(path, read_directory(path, ValidationConfig.from_texts))
         run.count_damaged()
         return run
 
@@ -200,7 +208,7 @@ class Validation:
         faults: how each of the standard faults was borne; empty if none were flown.
     """
 
-    settings: Settings
+    settings: ValidationConfig
     fitness: NDArray[np.float64]
     figures: NDArray[np.float64]
     failed: NDArray[np.int64]
@@ -245,15 +253,15 @@ class Validation:
         return self.settings.seeds[int(np.lexsort(keys)[0])]
 
 
-def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int, fault_seeds: int = 0) -> Settings:
-    """The settings of a new validation, with as many seeds as asked that no search has used; see `Settings`.
+def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int, fault_seeds: int = 0) -> ValidationConfig:
+    """The settings of a new validation, with as many seeds as asked that no search has used; see `ValidationConfig`.
 
     Raises:
-        MoflockError: see `Settings` and `read_points`.
+        MoflockError: see `ValidationConfig` and `read_points`.
     """
     points, used = read_points(asked)
     check_seeds(seeds)
-    return Settings(scenario=scenario, points=points, seeds=fresh_seeds(seeds, used), fault_seeds=fault_seeds)
+    return ValidationConfig(scenario=scenario, points=points, seeds=fresh_seeds(seeds, used), fault_seeds=fault_seeds)
 
 
 def check_seeds(count: int) -> None:
@@ -262,11 +270,13 @@ def check_seeds(count: int) -> None:
     Raises:
         SearchError: one line.
     """
-    if not 2 <= count <= _MOST_SEEDS:
-        raise SearchError(f"seeds: {count} is out of bounds: it must be at least 2 and at most {_MOST_SEEDS}")
+    if not 2 <= count <= _MAX_SEEDS:
+        raise SearchError(f"seeds: {count} is out of bounds: it must be at least 2 and at most {_MAX_SEEDS}")
 
 
-def fly_missing(run: ValidationDirectory, executors: Sequence[Executor], told: Told, stop: Callable[[], bool]) -> bool:
+def fly_missing(
+    run: ValidationDirectory, executors: Sequence[Executor], told: ProgressCallback, stop: Callable[[], bool]
+) -> bool:
     """Fly what the archive does not have yet, point masses first; each flight is kept as it ends.
 
     Args:
@@ -321,7 +331,7 @@ def gather(run: ValidationDirectory) -> Validation:
     )
 
 
-def log_worst(validation: Validation, folder: Path, told: Told) -> dict[str, Path]:
+def log_worst(validation: Validation, folder: Path, told: ProgressCallback) -> dict[str, Path]:
     """Fly the worst seed of each point on rigid bodies again, with a log; one that is there already is kept.
 
     Returns:
@@ -339,8 +349,8 @@ def log_worst(validation: Validation, folder: Path, told: Told) -> dict[str, Pat
     return logs
 
 
-def _point_of(params: Mapping[str, float]) -> FlockingParams:
-    check_keys(params, FlockingParams._fields, SearchError)
-    if len(params) != len(FlockingParams._fields):
+def _point_of(params: Mapping[str, float]) -> VasarhelyiParams:
+    check_keys(params, VasarhelyiParams._fields, SearchError)
+    if len(params) != len(VasarhelyiParams._fields):
         raise SearchError("configuration: points: each must have all 12 parameters")
-    return check_point(params[name] for name in FlockingParams._fields)
+    return check_point(params[name] for name in VasarhelyiParams._fields)

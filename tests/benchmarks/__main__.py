@@ -16,7 +16,7 @@ import numpy as np
 
 from moflock_mj import Scenario, fly, paper_point
 from moflock_mj.scenario import effect_configs
-from moflock_mj.simulation.simulation import Flock
+from moflock_mj.simulation.simulation import Simulation
 
 POINT = paper_point("model_optimum")
 MOFLOCK = Path(sys.executable).parent / "moflock"
@@ -44,20 +44,20 @@ def point_mass_flights() -> None:
         row(f"point mass, 30 drones, 600 s, step {step} s", seconds, "s", f"first draft {draft} s")
 
 
-def bare_step(flock: Flock, snapshot: bytes, steps: int) -> float:
+def bare_step(simulation: Simulation, snapshot: bytes, steps: int) -> float:
     """Seconds of one bare mj_step from a state of the flight: hover thrust, no torque, nothing else done."""
-    body = flock.body
+    body = simulation.body
     assert body is not None
-    force = body.plant.qfrc_applied
+    force = body.dynamics.qfrc_applied
 
     def steps_from_there() -> None:
         mujoco.mj_step(body.model, body.data, nstep=steps)
 
     times = []
     for _ in range(5):
-        flock.restore(snapshot)
+        simulation.restore(snapshot)
         force[:] = 0
-        force[:, 2] = body.plant.gains.mass * 9.81
+        force[:, 2] = body.dynamics.gains.mass * 9.81
         began = time.perf_counter()
         steps_from_there()
         times.append((time.perf_counter() - began) / steps)
@@ -68,14 +68,14 @@ def flown(
     scenario: Scenario, snapshots: list[bytes] | None = None, clock: Callable[[], float] = time.perf_counter
 ) -> float:
     """Seconds of a rigid-body flight without building it; keeps its state at every tenth of it."""
-    flock = Flock(POINT, scenario, "rigid_body", 1)
+    simulation = Simulation(POINT, scenario, "rigid_body", 1)
     seconds = 0.0
-    while not flock.finished:
+    while not simulation.finished:
         began = clock()
-        flock.fly(5.0)
+        simulation.fly(5.0)
         seconds += clock() - began
-        if snapshots is not None and flock.beat % (flock.stages.clocks.beats // 10) == 0:
-            snapshots.append(flock.snapshot())
+        if snapshots is not None and simulation.interval % (simulation.components.schedule.intervals // 10) == 0:
+            snapshots.append(simulation.snapshot())
     return seconds
 
 
@@ -85,7 +85,7 @@ def rigid_body_flights() -> None:
     seconds = min(flown(scenario) for _ in range(3))
     snapshots: list[bytes] = []
     flown(scenario, snapshots)
-    start = Flock(POINT, scenario, "rigid_body", 1)
+    start = Simulation(POINT, scenario, "rigid_body", 1)
     at_rest = bare_step(start, start.snapshot(), 4000)
     steps = scenario.duration / start.step
     bare = float(np.mean([bare_step(start, snapshot, 200) for snapshot in snapshots]))
@@ -111,7 +111,7 @@ def air_share() -> None:
     """Everything that air and wear do, against none of it: CPU time, flown in turns."""
     scenario = Scenario(duration=200.0)
     sections = {name: kind() for name, kind in Scenario.sections().items()}
-    sections["wind"] = effect_configs.Wind(speed=8.0, turbulence="light")
+    sections["wind"] = effect_configs.WindConfig(speed=8.0, turbulence="light")
     flights = {"none": scenario, "all": scenario.replace(**sections)}
     flights |= {name: scenario.replace(**{name: section}) for name, section in sections.items()}
     seconds = dict.fromkeys(flights, float("inf"))

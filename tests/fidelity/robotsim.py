@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moflock_mj import Fitness, FlockingParams, OrderParameters, Scenario, fly
+from moflock_mj import Fitness, OrderParameters, Scenario, VasarhelyiParams, fly
 from moflock_mj.metrics.fitness import fitness_of
 
-REFERENCE = Path(__file__).parent.parent / "reference"
+REFERENCE = Path(__file__).parents[1] / "reference"
 JUDGED = ("wall", "vel", "corr", "disc", "cluster")
 MEAN_SQUARE_LIMIT = 1.6
 F_LIMIT = {"F_1": 0.06, "F_2": 0.08}
@@ -35,17 +35,17 @@ class Comparison(NamedTuple):
     f_difference: dict[str, float]
 
 
-def reference_points() -> dict[str, tuple[FlockingParams, NDArray[np.float64]]]:
+def reference_points() -> dict[str, tuple[VasarhelyiParams, NDArray[np.float64]]]:
     """Each point with RobotSim's order parameters, (seeds, 6), in our order."""
     points = json.loads((REFERENCE / "robotsim.json").read_text())["points"]
     names = [f"phi_{name}" for name in OrderParameters._fields]
     return {
-        name: (FlockingParams(*point["x"]), np.array([[run[phi] for phi in names] for run in point["runs"]]))
+        name: (VasarhelyiParams(*point["x"]), np.array([[run[phi] for phi in names] for run in point["runs"]]))
         for name, point in points.items()
     }
 
 
-def our_order_parameters(params: FlockingParams, scenario: Scenario, seeds: range) -> NDArray[np.float64]:
+def our_order_parameters(params: VasarhelyiParams, scenario: Scenario, seeds: range) -> NDArray[np.float64]:
     """Order parameters of point-mass flights: (seeds, 6)."""
 
     def one(seed: int) -> OrderParameters:
@@ -61,7 +61,7 @@ def mean_fitness(order_parameters: NDArray[np.float64]) -> Fitness:
     return Fitness(*(float(np.mean(values)) for values in each))
 
 
-def compare(name: str, params: FlockingParams, theirs: NDArray[np.float64], seeds: range) -> Comparison:
+def compare(name: str, params: VasarhelyiParams, theirs: NDArray[np.float64], seeds: range) -> Comparison:
     """Fly one point and hold it against RobotSim."""
     ours = our_order_parameters(params, Scenario(step=0.01), seeds)
     difference = ours.mean(axis=0) - theirs.mean(axis=0)
@@ -91,7 +91,7 @@ def paper_rows(seeds: range) -> list[tuple[str, str, float, float, float]]:
     scenario = Scenario(start="moflock")
     rows = []
     for name in ("A", "B"):
-        fitness = mean_fitness(our_order_parameters(FlockingParams(*paper[name]["x"]), scenario, seeds))
+        fitness = mean_fitness(our_order_parameters(VasarhelyiParams(*paper[name]["x"]), scenario, seeds))
         for objective in F_LIMIT:
             mean, deviation = paper[name]["paper"][objective]
             rows.append((name, objective, getattr(fitness, objective), mean, deviation))

@@ -7,9 +7,9 @@ import pytest
 
 from moflock_mj import MoflockError, Scenario, fly, paper_point
 from moflock_mj.errors import LogError, PointError, ScenarioError
-from moflock_mj.scenario.effect_configs import PointMassResponse, Wind
-from moflock_mj.simulation.simulation import Flock
-from tests import twins
+from moflock_mj.scenario.effect_configs import PointMassConfig, WindConfig
+from moflock_mj.simulation.simulation import Simulation
+from tests.support import twins
 
 A = paper_point("A")
 SHORT = Scenario(drones=6, arena_side=120.0, duration=12.0)
@@ -24,8 +24,8 @@ SHORT = Scenario(drones=6, arena_side=120.0, duration=12.0)
         {"t_del": 0.0},
         {"t_gps": 0.3, "sample_period": 0.2, "t_del": 0.5, "duration": 12.0},
         {"start": "moflock", "r_comm": 40.0},
-        {"step": 0.1, "point_mass": PointMassResponse(tau=0.8, a_max=4.0, delay=0.13), "duration": 6.0},
-        {"step": 0.05, "point_mass": PointMassResponse(delay=0.3), "start": "moflock", "duration": 6.0},
+        {"step": 0.1, "point_mass": PointMassConfig(tau=0.8, a_max=4.0, delay=0.13), "duration": 6.0},
+        {"step": 0.05, "point_mass": PointMassConfig(delay=0.3), "start": "moflock", "duration": 6.0},
     ],
 )
 def test_a_point_mass_flight_is_that_of_its_slow_twin(changes):
@@ -55,15 +55,15 @@ def test_samples_have_the_promised_shapes_and_times():
 
 @pytest.mark.parametrize(
     ("dynamics", "response"),
-    [("point_mass", None), ("point_mass", PointMassResponse(delay=0.25)), ("rigid_body", None)],
+    [("point_mass", None), ("point_mass", PointMassConfig(delay=0.25)), ("rigid_body", None)],
 )
 def test_a_flight_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics, response):
     scenario = SHORT.replace(point_mass=response, duration=4.0, packet_loss_ratio=0.5, t_del=0.3)
-    whole = Flock(A, scenario, dynamics, 5)
+    whole = Simulation(A, scenario, dynamics, 5)
     everything = whole.fly(4.0)
-    pieces = Flock(A, scenario, dynamics, 5)
+    pieces = Simulation(A, scenario, dynamics, 5)
     records = [pieces.fly(0.7), pieces.fly(0.1)]
-    resumed = Flock(A, scenario, dynamics, 999)
+    resumed = Simulation(A, scenario, dynamics, 999)
     resumed.restore(pieces.snapshot())
     assert resumed.time == pytest.approx(0.8)
     records.append(resumed.fly(10.0))
@@ -76,13 +76,13 @@ def test_a_flight_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics, 
 @pytest.mark.parametrize("content", [b"", b"\xff" * 40, b"\x02\0\0\0\0\0\0\0{}", b"\x04\0\0\0\0\0\0\0null"])
 def test_a_snapshot_that_is_none_is_refused(content):
     with pytest.raises(LogError, match="state: not"):
-        Flock(A, SHORT, "point_mass", 1).restore(content)
+        Simulation(A, SHORT, "point_mass", 1).restore(content)
 
 
 def test_a_snapshot_of_another_flock_is_refused():
-    snapshot = Flock(A, SHORT.replace(drones=5), "point_mass", 1).snapshot()
+    snapshot = Simulation(A, SHORT.replace(drones=5), "point_mass", 1).snapshot()
     with pytest.raises(LogError, match="another scenario"):
-        Flock(A, SHORT, "point_mass", 1).restore(snapshot)
+        Simulation(A, SHORT, "point_mass", 1).restore(snapshot)
 
 
 def test_seeds_make_flights():
@@ -98,8 +98,8 @@ def test_nothing_touches_the_global_generator():
 
 
 def test_both_dynamics_start_from_the_same_place_with_the_same_senses():
-    flocks = [Flock(A, SHORT, dynamics, 4) for dynamics in ("point_mass", "rigid_body")]
-    records = [flock.fly(0.1) for flock in flocks]
+    flocks = [Simulation(A, SHORT, dynamics, 4) for dynamics in ("point_mass", "rigid_body")]
+    records = [simulation.fly(0.1) for simulation in flocks]
     np.testing.assert_array_equal(records[0].position[0], records[1].position[0])
     np.testing.assert_array_equal(records[0].desired[1], records[1].desired[1])
 
@@ -172,20 +172,20 @@ def test_what_cannot_be_flown_is_refused_in_one_line(keywords, error, words):
     assert isinstance(refusal.value, MoflockError)
 
 
-GUSTY = Scenario(drones=4, arena_side=100.0, duration=12.0, wind=Wind(speed=6.0, turbulence="moderate"))
+GUSTY = Scenario(drones=4, arena_side=100.0, duration=12.0, wind=WindConfig(speed=6.0, turbulence="moderate"))
 
 
 def test_in_gusts_a_point_mass_that_is_late_by_what_a_step_is_late_anyway_is_one_that_is_not():
     """An answer is held for a step, and so is late by half of one: the gusts must be drawn alike."""
     flights = [
         fly(paper_point("B"), scenario=GUSTY.replace(point_mass=response), dynamics="point_mass", seed=3)
-        for response in (PointMassResponse(), PointMassResponse(delay=0.004))
+        for response in (PointMassConfig(), PointMassConfig(delay=0.004))
     ]
     np.testing.assert_allclose(flights[0].samples.position, flights[1].samples.position, rtol=0, atol=1e-9)
 
 
 def test_in_gusts_a_late_point_mass_flies_on_with_less_grip():
-    late = GUSTY.replace(point_mass=PointMassResponse(delay=0.4), duration=60.0)
+    late = GUSTY.replace(point_mass=PointMassConfig(delay=0.4), duration=60.0)
     errors = [
         fly(paper_point("B"), scenario=scenario, dynamics="point_mass", seed=3).motion.velocity_error_rms
         for scenario in (GUSTY.replace(duration=60.0), late)

@@ -21,13 +21,13 @@ from moflock_mj.preflight.report import (
     reports_in,
     write_report,
 )
-from moflock_mj.preflight.results import Grade, Item
+from moflock_mj.preflight.results import CheckItem, CheckResult
 
 KEY, OTHER_KEY = SigningKey(bytes(range(32))), SigningKey(bytes(32))
 NOW = datetime.datetime(2026, 5, 4, 12, 0, tzinfo=datetime.UTC)
 POINT = paper_point("A")
 VEHICLES = tuple(CheckedVehicle(system=system, autopilot="px4", where=f"127.0.0.1:{system}") for system in (1, 2))
-GOOD = Item(name="battery", about="vehicle 1", grade=Grade.PASS, value=81.5, unit="%")
+GOOD = CheckItem(name="battery", about="vehicle 1", result=CheckResult.PASS, value=81.5, unit="%")
 WHOLE = Scenario(**{name: kind() for name, kind in Scenario.sections().items()})
 """Every section is on."""
 
@@ -74,8 +74,8 @@ def test_a_report_comes_back_and_allows_its_deployment(path, key):
 @pytest.mark.parametrize(
     ("changes", "asked", "words"),
     [
-        ({"items": (GOOD, GOOD.model_copy(update={"grade": Grade.FAILURE}))}, {}, "failure: vehicle 1: battery"),
-        ({"items": (GOOD.model_copy(update={"grade": Grade.RUNNING}),)}, {}, "running: vehicle 1: battery"),
+        ({"items": (GOOD, GOOD.model_copy(update={"grade": CheckResult.FAILURE}))}, {}, "failure: vehicle 1: battery"),
+        ({"items": (GOOD.model_copy(update={"grade": CheckResult.RUNNING}),)}, {}, "running: vehicle 1: battery"),
         ({"items": ()}, {}, "nothing was checked"),
         ({"vehicles": ()}, {}, "without a live part"),
         ({}, {"now": NOW + datetime.timedelta(hours=1.5)}, "5400 s old: it must be at most 3600 s"),
@@ -96,7 +96,7 @@ def test_a_report_allows_no_other_deployment(changes, asked, words):
 
 
 def test_that_a_check_failed_is_said_of_the_deployment_that_it_is_of_alone():
-    failed = report_of(items=(GOOD.model_copy(update={"grade": Grade.FAILURE}),))
+    failed = report_of(items=(GOOD.model_copy(update={"grade": CheckResult.FAILURE}),))
     with pytest.raises(CheckFailedError):
         refuse(failed)
     with pytest.raises(ReportError, match="another point"):
@@ -144,7 +144,7 @@ def test_a_seal_is_that_of_its_key(path, written, read, words):
 
 def test_somebody_who_strips_the_key_is_refused(path):
     """The seal of a whole report made anew without the key."""
-    write_report(report_of(items=(GOOD.model_copy(update={"grade": Grade.FAILURE}),)), path, KEY)
+    write_report(report_of(items=(GOOD.model_copy(update={"grade": CheckResult.FAILURE}),)), path, KEY)
     write_report(report_of(), path, None)
     path.write_text(edited(path.read_text(), '"sealed_with_key": false', '"sealed_with_key": true'))
     with pytest.raises(ReportError, match="its seal is broken"):

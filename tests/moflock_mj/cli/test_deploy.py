@@ -1,0 +1,215 @@
+"""The verb: what it refuses, in one line and with nobody armed, and one rehearsal on real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from moflock_mj import load_point
+from moflock_mj.deployment.clearance import candidates, require_permission
+from moflock_mj.deployment.prelaunch import require_simulated
+from moflock_mj.deployment.watchdogs import Action, Watchdog, Watchdogs
+from moflock_mj.errors import CheckFailedError, DeploymentError, LinkError, MoflockError, ReportError
+from moflock_mj.ground_station.origin import parse_origin
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
+from moflock_mj.mavlink.dialect import mavlink
+from moflock_mj.mavlink.signing import KEY_VARIABLE
+from moflock_mj.preflight.inspection import checked_vehicle
+from moflock_mj.preflight.report import Report, write_report
+from moflock_mj.preflight.results import CheckItem, CheckResult
+from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
+from tests.support.rehearsal import SCENARIO, rehearse
+
+MOFLOCK = Path(sys.executable).parent / "moflock"
+NOW = datetime.datetime.now(datetime.UTC)
+
+
+def run(*arguments, cwd):
+    clean = {name: value for name, value in os.environ.items() if name != KEY_VARIABLE}
+    return subprocess.run(
+        [MOFLOCK, "deploy", *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
+        env={**clean, "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--vehicles", ""), "vehicles: '' is none"),
+        (("--vehicles", "udp:127.0.0.1:14999"), "report: none in logs"),
+        (("--vehicles", "udp:127.0.0.1:14999", "--report", "absent.json"), "report absent.json: No such file"),
+        (("--vehicles", "udp:127.0.0.1:14999", "--rehearse", "--timeout", 0.2), "from 1 of 1 links within 0.2 s"),
+    ],
+)
+def test_bad_use_is_one_line_and_status_2(tmp_path, arguments, words):
+    done = run("knee", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def vehicle(system=1, uid=7):
+    told = RemoteVehicle(system, "127.0.0.1:1", is_local=True, send=lambda _: None, clock=lambda: 0.0)
+    told.note(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
+    told.note(mavlink.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, uid))
+    return told
+
+
+def report(**changes):
+    facts = {
+        "time": NOW, "signed_off_by": "somebody", "version": "0", "commit": "", "point_name": "knee", "seeds": (1,),
+        "point": load_point("knee")._asdict(), "scenario": json.loads(json.dumps(SCENARIO.replace(drones=1).to_dict())),
+        "vehicles": (checked_vehicle(vehicle()),),
+        "items": (CheckItem(name="all", about="point", grade=CheckResult.PASS),),
+    }  # fmt: skip
+    return Report(**{**facts, **changes})
+
+
+def permit(*reports, there=None, scenario=SCENARIO):
+    return require_permission(reports, load_point("knee"), scenario.replace(drones=1), there or [vehicle()])
+
+
+def test_a_report_that_fits_is_found_behind_others():
+    good = report()
+    old = report(time=NOW - datetime.timedelta(hours=2))
+    assert permit(old, good) is good
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"time": NOW - datetime.timedelta(hours=2)}, "s old: it must be at most 3600 s"),
+        ({"point": load_point("B")._asdict()}, "of another point: r0_rep"),
+        ({"scenario": json.loads(json.dumps(SCENARIO.replace(drones=1, duration=31.0).to_dict()))}, "duration is 31.0"),
+        ({"vehicles": ()}, "without a live part"),
+        ({"vehicles": (checked_vehicle(vehicle(uid=8)),)}, "of other vehicles"),
+    ],
+)
+def test_a_report_of_something_else_is_refused(changes, words):
+    with pytest.raises(ReportError, match=words):
+        permit(report(**changes))
+
+
+def test_a_report_that_failed_is_a_failed_check():
+    bad = report(items=(CheckItem(name="battery", about="vehicle 1", grade=CheckResult.FAILURE),))
+    with pytest.raises(CheckFailedError, match="failure: vehicle 1: battery"):
+        permit(bad, report())
+
+
+def test_reports_are_looked_for_in_logs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ReportError, match="none in logs"):
+        candidates(None, None)
+    for number in (1, 2):
+        write_report(report(seeds=(number,)), tmp_path / "logs" / f"preflight-2026-{number}.json")
+    (tmp_path / "logs" / "preflight-2026-3.json").write_text("{")
+    assert [found.seeds for found in candidates(None, None)] == [(2,), (1,)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("battery", "must be NAME=LIMIT:ACTION"),
+        ("bird=1", "with NAME one of stale, lost, fence, separation, battery, keep_off"),
+        ("battery=0.3:explode", "'explode' is unknown: it must be one of slow, hold, return, land"),
+        ("lost=1e9", "out of bounds: it must be from 0 to 1000"),
+        ("keep_off=3:land", "keep_off has a limit and no action"),
+    ],
+)
+def test_a_bad_watchdog(text, words):
+    with pytest.raises(DeploymentError, match=words):
+        Watchdogs.from_texts([text])
+
+
+def test_watchdogs_are_changed_by_texts():
+    watchdogs = Watchdogs.from_texts(["battery=0.3:return", "stale=hold", "fence=7", "keep_off=12"])
+    assert watchdogs.battery == Watchdog(0.3, Action.RETURN)
+    assert watchdogs.stale == Watchdog(0.5, Action.HOLD)
+    assert watchdogs.fence == Watchdog(7.0, Action.HOLD)
+    assert watchdogs.keep_off == 12.0
+
+
+def test_origins():
+    assert parse_origin("47.5, -8.25") == (47.5, -8.25)
+    for text in ("47.5", "north,east", "91,0", "nan,0"):
+        with pytest.raises(DeploymentError, match="origin"):
+            parse_origin(text)
+
+
+@pytest.mark.parametrize(
+    ("more", "error", "words"),
+    [
+        ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot; it must be px4"),
+        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the arena"),
+        ({"fleet": {"spacing": 2.0}}, DeploymentError, r"stand 2.0 m apart; it must be at least 3 m"),
+        ({"faults": ["drone=1,kind=low_battery,value=0.1"]}, DeploymentError, "battery at 10 %; it must be over 20 %"),
+        ({"faults": ["drone=1,kind=silent"]}, LinkError, "from 1 of 5 links"),
+        ({"faults": ["drone=1,kind=duplicate_id,value=1"]}, LinkError, "system id 1 is that of"),
+        ({"fleet": {"boot": 60.0, "ready": False}}, DeploymentError, "does not know where it is; wait for its GPS"),
+    ],
+)
+def test_what_must_not_take_off_is_refused(more, error, words):
+    armed = []
+
+    async def watch(_, fleet):
+        while True:
+            armed.append(any(station.vehicle.armed for station in fleet.stations))
+            await asyncio.sleep(0.02)
+
+    wanted = more.pop("autopilot_wanted", None)
+    with pytest.raises(error, match=words):
+        rehearse(SCENARIO, story=watch, wanted=wanted, timeout=3.0, **more)
+    assert armed
+    assert not any(armed)
+
+
+def test_a_rehearsal_with_who_may_be_real_is_refused(monkeypatch):
+    monkeypatch.setattr("moflock_mj.simulated_vehicles.telemetry.SIMULATED", (0,) * 8)
+    with pytest.raises(MoflockError, match="does not say that it is simulated: it needs a report"):
+        rehearse(SCENARIO.replace(drones=1))
+
+
+def test_px4s_own_simulation_says_what_it_is():
+    """Its identity is SIMULATIONID0000, of which AUTOPILOT_VERSION has eight letters, one more for each system id."""
+    first = 5283920058631409231
+    asyncio.run(require_simulated([vehicle(1, first), vehicle(3, first + 2)]))
+    with pytest.raises(MoflockError, match="does not say that it is simulated"):
+        asyncio.run(require_simulated([vehicle(3, first)]))
+
+
+def test_a_rehearsal_on_sockets(tmp_path):
+    """Two vehicles, three seconds, the real clock: the whole verb, its JSON, its log."""
+
+    async def play():
+        fleet = Fleet(FleetPlan(autopilot="px4", base_port=0, vehicles=2, boot=0.0, spacing=8.0))
+        await fleet.open()
+        flight = asyncio.create_task(fleet.run())
+        where = ",".join(f"udp:127.0.0.1:{station.address[1]}" for station in fleet.stations)
+        (tmp_path / "low.toml").write_text("altitude = 2.0\narena_side = 100.0\n")
+        try:
+            deployment = await asyncio.create_subprocess_exec(
+                MOFLOCK, "deploy", "knee", "--vehicles", where, "--rehearse", "--scenario", "low.toml",
+                "--duration", "3", "--interval", "0.2", "--timeout", "60", "--json", "--log", "a.mcap",
+                cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            )  # fmt: skip
+            out, err = await deployment.communicate()
+        finally:
+            flight.cancel()
+            fleet.close()
+        return deployment.returncode, json.loads(out), err.decode()
+
+    status, summary, err = asyncio.run(play())
+    assert (status, err) == (0, "")
+    assert summary["complete"]
+    assert summary["stages"] == ["down", "down"]
+    assert summary["latency"]["setpoints"] > 60
+    assert (tmp_path / "a.mcap").exists()

@@ -1,0 +1,23 @@
+"""A deployment from take-off to landing."""
+
+from __future__ import annotations
+
+import pytest
+
+from moflock_mj.deployment.member import Stage
+from tests.support.rehearsal import SCENARIO, rehearse
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_flock_takes_off_flies_by_the_policy_and_lands(autopilot, tmp_path):
+    deployed, truth, fleet = rehearse(autopilot=autopilot, log=tmp_path / "a.mcap")
+    print(deployed.figures, deployed.counts)
+    for event in deployed.events:
+        print(event)
+    print(truth.nearest(), truth.farthest(), fleet.time)
+    assert deployed.error is None
+    assert set(deployed.stages) == {Stage.DOWN}
+    assert not truth.armed[-1].any()
+    assert deployed.figures.flocked == pytest.approx(SCENARIO.duration, abs=0.11)
+    assert truth.nearest() > 3
+    assert truth.farthest() < SCENARIO.arena_side / 2

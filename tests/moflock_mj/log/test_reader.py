@@ -1,0 +1,264 @@
+"""Logs read back: the same flight, quickly, and one clear line for every file that is none."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from moflock_mj import LoggedFlight, Scenario, fly, paper_point, read_log
+from moflock_mj.errors import LogError
+from moflock_mj.log.chunk_writer import ChunkWriter
+from moflock_mj.log.schemas import CHANNELS, RUN_COPY, RUN_METADATA, Metrics, schema_of, state_digests
+from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
+from moflock_mj.simulation.simulation import Simulation
+
+A = paper_point("A")
+# Small enough that drones leave the arena and meet.
+CROWDED = Scenario(drones=8, arena_side=30.0, duration=12.0, start_spacing=2.0)
+
+
+def rebuild(source, target, *, run=None, result=True, change=lambda *m: m):
+    """Write a log again, changed: entries of `moflock.run`, and each message (topic, time, data), None to drop it."""
+    with source.open("rb") as stream:
+        reader = make_reader(stream)
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        attachments = [(a.name, a.media_type, a.data) for a in reader.iter_attachments()]
+        messages = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages(log_time_order=False)]
+    entries = {name: text for name, text in (metadata[RUN_METADATA] | (run or {})).items() if text is not None}
+    with target.open("wb") as stream:
+        writer = ChunkWriter(stream)
+        writer.add_metadata(RUN_METADATA, entries)
+        for name, media_type, data in attachments:
+            writer.add_attachment(name, media_type, json.dumps(entries).encode() if name == RUN_COPY else data)
+        numbers = {topic: writer.add_channel(topic, *schema_of(kind)) for topic, kind in CHANNELS.items()}
+        for message in messages:
+            changed = change(*message)
+            if changed:
+                writer.add_message(numbers[changed[0]], *changed[1:])
+        if result:
+            writer.add_metadata("moflock.result", metadata["moflock.result"])
+        writer.finish()
+    return target
+
+
+@pytest.fixture(scope="module", params=["point_mass", "rigid_body"])
+def pair(request, tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "a.mcap"
+    flight = fly(A, scenario=CROWDED, dynamics=request.param, seed=3, log=path)
+    return flight, read_log(path)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "good.mcap"
+    fly(A, scenario=Scenario(drones=3, arena_side=60.0, duration=3.0), dynamics="point_mass", log=path)
+    return path
+
+
+def test_a_log_is_the_flight(pair):
+    flight, logged = pair
+    for name in ("params", "scenario", "dynamics", "seed", "flown", "order_parameters", "fitness", "events", "log"):
+        assert getattr(logged, name) == getattr(flight, name), name
+    assert logged.complete
+    assert logged.start == logged.missing == 0
+    np.testing.assert_array_equal(logged.samples.t, flight.samples.t)
+    for name in ("position", "velocity", "desired_velocity"):
+        expected = getattr(flight.samples, name)
+        np.testing.assert_array_equal(getattr(logged.samples, name), expected.astype(np.float32), strict=False)
+        assert getattr(logged.samples, name).dtype == np.float64
+    for name, running in flight.samples.order_parameters._asdict().items():
+        np.testing.assert_array_equal(getattr(logged.samples.order_parameters, name), running)
+    np.testing.assert_allclose(logged.samples.nearest, flight.samples.nearest, rtol=0, atol=1e-4)
+
+
+def test_of_a_drones_flags_the_worst_is_kept(pair):
+    flight, logged = pair
+    worst = [TOUCHED if s & TOUCHED else CLOSE if s & CLOSE else s & OUTSIDE for s in flight.samples.status.ravel()]
+    np.testing.assert_array_equal(logged.samples.status.ravel(), worst)
+    assert {OUTSIDE, CLOSE} & set(worst)
+
+
+def test_what_a_flight_itself_does_not_tell(pair):
+    flight, logged = pair
+    simulation = Simulation(A, CROWDED, flight.dynamics, 3)
+    record = simulation.fly(12.0, whole_states=True)
+    np.testing.assert_array_equal(logged.digests, state_digests(record.qpos, record.qvel))
+    np.testing.assert_array_equal(logged.quaternion, record.qpos[..., 3:].astype(np.float32))
+    np.testing.assert_array_equal(logged.body_rates, record.qvel[..., 3:].astype(np.float32))
+    assert tuple(values[-1] for values in logged.running_fitness) == tuple(flight.fitness)
+    assert sorted(logged.states) == [0.0, 10.0]
+    simulation.restore(logged.states[10.0])
+    assert simulation.time == 10.0
+    ours = {"flock.xml", "scenario.toml", "parameters.json", RUN_COPY}
+    assert set(logged.attachments) == ours | {"layout.json", "blueprint.rbl.gz"}
+    assert logged.metadata["seed"] == "3"
+    assert json.loads(logged.result["fitness"]) == flight.fitness._asdict()
+
+
+def test_one_drone_has_no_nearest(tmp_path):
+    flight = fly(A, scenario=CROWDED.replace(drones=1), dynamics="point_mass", log=tmp_path / "a.mcap")
+    logged = read_log(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(logged.samples.nearest, flight.samples.nearest)
+
+
+def test_ten_minutes_of_thirty_drones_are_read_in_two_seconds(tmp_path):
+    fly(A, dynamics="point_mass", log=tmp_path / "a.mcap", keep_samples=False)
+    read_log(tmp_path / "a.mcap")
+    began = time.perf_counter()
+    logged = read_log(tmp_path / "a.mcap")
+    assert time.perf_counter() - began < 2
+    assert logged.samples.position.shape == (6001, 30, 3)
+
+
+def test_a_last_tick_without_its_figures_is_left_out(good, tmp_path):
+    def drop(topic, when, data):
+        return None if (topic, when) == ("/metrics", 3_000_000_000) else (topic, when, data)
+
+    logged = read_log(rebuild(good, tmp_path / "a.mcap", change=drop, result=False))
+    assert logged.samples.t[-1] == pytest.approx(2.9)
+    assert logged.flown == logged.samples.t[-1]
+    assert not logged.complete
+
+
+def test_a_rebuilt_log_is_the_same(good, tmp_path):
+    logged, again = read_log(good), read_log(rebuild(good, tmp_path / "a.mcap"))
+    np.testing.assert_array_equal(again.digests, logged.digests)
+    assert isinstance(again, LoggedFlight)
+    assert (again.metadata, again.result, again.events) == (logged.metadata, logged.result, logged.events)
+
+
+def foreign(path: Path) -> Path:
+    """An MCAP file of another program."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("a", "jsonschema", b"{}")
+        channel = writer.register_channel("/a", "json", schema)
+        writer.add_message(channel, 0, b"{}", 0)
+        writer.finish()
+    return path
+
+
+def bomb(path: Path, size: int) -> Path:
+    """A file whose only chunk unpacks to zeros."""
+    packed = zstandard.ZstdCompressor().compress(bytes(size))
+    head = struct.pack("<QQQII4sQ", 0, 0, size, zlib.crc32(bytes(size)), 4, b"zstd", len(packed))
+    with path.open("wb") as stream:
+        writer = ChunkWriter(stream)
+        writer.add_metadata(RUN_METADATA, {})
+        writer._write(struct.pack("<BQ", 6, len(head) + len(packed)) + head + packed)
+        writer.finish()
+    return path
+
+
+def flipped(source: Path, target: Path, position: int) -> Path:
+    content = bytearray(source.read_bytes())
+    content[position] ^= 4
+    target.write_bytes(content)
+    return target
+
+
+def refuse(path: Path, words: str) -> None:
+    with pytest.raises(LogError, match=words) as refusal:
+        read_log(path)
+    assert str(refusal.value).startswith(f"log: {path}: ")
+    assert "\n" not in str(refusal.value)
+
+
+def test_files_that_are_no_logs_are_refused(tmp_path):
+    refuse(tmp_path / "none.mcap", "no such file")
+    refuse(tmp_path, "is not a file")
+    for content, words in ((b"", "is empty"), (b"hello world" * 9, "is not an MCAP file")):
+        (tmp_path / "a.mcap").write_bytes(content)
+        refuse(tmp_path / "a.mcap", words)
+    refuse(foreign(tmp_path / "b.mcap"), "is no log of a flight")
+
+
+def test_what_is_unfinished_or_damaged_suggests_recovery(good, tmp_path):
+    content, path = good.read_bytes(), tmp_path / "a.mcap"
+    path.write_bytes(content[:-1])
+    refuse(path, "unfinished or cut off; `moflock replay --recover .*a.mcap` saves what is intact")
+    chunk = content.index(b"\x04\0\0\0zstd")
+    refuse(flipped(good, path, chunk + 500), "chunk.*--recover")
+    refuse(
+        flipped(good, path, content.index(b"<mujoco")), "the checksum of the attachment flock.xml is wrong.*--recover"
+    )
+    refuse(flipped(good, path, content.index(b"drones = 3") + 9), "the copy run.json differ.*--recover")
+    refuse(flipped(good, path, len(content) - 20), "footer is damaged|checksum of its summary")
+    refuse(flipped(good, path, chunk - 37), "no record|less than its summary|within")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"log_version": "2"}, "log_version: 2 is newer than 1"),
+        ({"log_version": None}, "log_version: 'missing'"),
+        ({"seed": "-x"}, "seed: '-x'"),
+        ({"seed": "9" * 5000}, "seed: '9"),
+        ({"dynamics": "boat"}, "dynamics: 'boat'"),
+        ({"parameters": "[" * 100_000}, "parameters"),
+        ({"parameters": "{}"}, "parameters"),
+        ({"parameters": json.dumps(A._asdict() | {"p_rep": 10**400})}, "p_rep|parameters"),
+        ({"scenario": "drones = ["}, "not TOML"),
+        ({"scenario": "drones = -3"}, "drones: -3"),
+        ({"scenario": "wings = 3"}, "wings: unknown"),
+        ({"scenario": "drones = 4\nduration = 3.0"}, "bytes; with 4 drones it must be"),
+        ({"scenario": "drones = 3\nduration = 3.0\nsample_period = 0.15"}, "not those of samples every 0.15 s"),
+        ({"scenario": "drones = 3\nduration = 2.0"}, "its times are not those"),
+    ],
+)
+def test_a_run_that_cannot_be_is_refused(good, tmp_path, changes, words):
+    refuse(rebuild(good, tmp_path / "a.mcap", run=changes), words)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda t, w, d: (t, w, d[:-1]), "bytes"),
+        (lambda t, w, d: (t, w, b"\xff" * len(d)), "not laid out"),
+        (lambda t, _, d: (t, 0, d), "times"),
+        (lambda t, w, d: (t, w + (1 << 60), d), "out of bounds"),
+        (lambda *_: None, "holds no samples"),
+    ],
+)
+def test_messages_of_another_layout_are_refused(good, tmp_path, spoil, words):
+    def change(topic, when, data):
+        return spoil(topic, when, data) if topic == "/swarm/points" else (topic, when, data)
+
+    refuse(rebuild(good, tmp_path / "a.mcap", change=change), words)
+
+
+def test_events_and_states_that_are_none_are_refused(good, tmp_path):
+    for topic, words in (("/log", "no event of a flight"), ("/sim/state", "no state of a flight")):
+
+        def change(old, when, data, topic=topic):
+            return (topic, when, b"\xff\xff") if old == "/scene" else (old, when, data)
+
+        refuse(rebuild(good, tmp_path / "a.mcap", change=change), words)
+
+
+def test_a_colour_without_a_meaning_is_refused(good, tmp_path):
+    def change(topic, when, data):
+        return (topic, when, data.replace(bytes([66, 165, 245, 255]), b"1234"))
+
+    refuse(rebuild(good, tmp_path / "a.mcap", change=change), "a colour stands for no status")
+
+
+def test_a_small_file_does_not_unpack_to_a_huge_one(tmp_path):
+    refuse(bomb(tmp_path / "a.mcap", 65 << 20), "it must be at most 67108864")
+
+
+def test_figures_of_another_layout_are_refused(good, tmp_path):
+    def change(topic, when, data):
+        return (topic, when, Metrics(tick=1).SerializeToString() if topic == "/metrics" else data)
+
+    refuse(rebuild(good, tmp_path / "a.mcap", change=change), "/metrics: a message of 3 bytes")

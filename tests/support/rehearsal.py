@@ -1,0 +1,103 @@
+"""Whole deployments against a fleet, in simulated time and without sockets: a minute of flight in a few seconds."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+
+import numpy as np
+
+from moflock_mj import load_point
+from moflock_mj.deployment.deployment import DeployPlan, InterruptHandler, deploy
+from moflock_mj.scenario.scenario import Scenario
+from moflock_mj.simulated_vehicles.vehicle_faults import Fault
+from tests.support import simulated_time
+from tests.support.ground_station import fleet_of
+from tests.support.simulated_time import Wires, connections_to, flying
+
+SCENARIO = Scenario(
+    drones=5, arena_side=200.0, duration=30.0, altitude=10.0, t_del=0.2, sigma_outer=0.0, sigma_inner=0.0
+)
+"""Small and calm; the arena is the fence."""
+
+
+@dataclasses.dataclass
+class Truth:
+    """What the fleet's bodies did, whatever telemetry said."""
+
+    position: np.ndarray
+    """(T, N, 3), m, at each tick."""
+    armed: np.ndarray
+    """(T, N)"""
+
+    @property
+    def flying(self):
+        return self.position[..., 2] > 2.0
+
+    def nearest(self):
+        """m, smallest distance between two that fly."""
+        place = np.where(self.flying[..., None], self.position, np.nan)
+        away = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
+        away[:, np.arange(place.shape[1]), np.arange(place.shape[1])] = np.nan
+        return float(np.nanmin(away))
+
+    def farthest(self):
+        """m, largest |x| or |y| of anybody."""
+        return float(np.abs(self.position[..., :2]).max())
+
+
+def rehearse(
+    scenario=SCENARIO,
+    *,
+    autopilot="ardupilot",
+    faults=(),
+    point="knee",
+    parameters=None,
+    story=None,
+    fleet=None,
+    wanted=None,
+    **plan,
+):
+    """Deploy a point against a fleet; returns the deployment (or what it raised), the truth, and the fleet.
+
+    Args:
+        scenario: of both.
+        autopilot: of the fleet.
+        faults: texts.
+        point: a name.
+        parameters: set on each vehicle beforehand.
+        story: a coroutine function of (wishes, fleet, plan) that runs beside it.
+        fleet: of the fleet's plan.
+        wanted: autopilot that the deployment asks for.
+        plan: of the deployment's plan.
+    """
+    flown = fleet_of(
+        autopilot, vehicles=scenario.drones, scenario=scenario,
+        faults=[Fault.from_text(text) for text in faults], **(fleet or {}),
+    )  # fmt: skip
+    for station in flown.stations:
+        for name, value in (parameters or {}).items():
+            station.vehicle.parameters.set_value(name, value)
+    places, armed = [], []
+
+    def watch():
+        places.append(flown.bodies.qpos[:, :3].copy())
+        armed.append([station.vehicle.armed for station in flown.stations])
+
+    async def play():
+        interrupts = InterruptHandler()
+        task = DeployPlan(
+            params=load_point(point), scenario=scenario, connections=connections_to(flown), rehearse=True,
+            **{"interval": 0.5, "autopilot": wanted, **plan},
+        )  # fmt: skip
+        async with flying(flown, watch):
+            beside = asyncio.create_task(story(interrupts, flown)) if story else None
+            try:
+                return await deploy(task, None, interrupts)
+            finally:
+                if beside:
+                    beside.cancel()
+
+    with Wires().used():
+        deployed = simulated_time.run(play())
+    return deployed, Truth(np.array(places), np.array(armed)), flown

@@ -1,0 +1,74 @@
+"""Cheap stand-ins for a search's flights."""
+
+import numpy as np
+
+from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.scenario.scenario import Scenario
+from optimize.evaluation.evaluation import Evaluation, infeasible
+from optimize.search.configuration import Configuration, SearchConfig
+
+
+class FakeExecutor:
+    """Evaluates a closed form in this process: F_1 grows with the first coordinate, F_2 falls with it.
+
+    Both suffer from the other eleven coordinates' distance from 0.3, and from noise of the seed.
+
+    Args:
+        job: a search's.
+        noise: standard deviation of an objective.
+        backwards: whether the last task is done first.
+        fails: numbers of tasks that are infeasible.
+        dies_at: number of the evaluation before which it raises KeyboardInterrupt.
+        bias: added to both objectives.
+    """
+
+    workers = 1
+
+    def __init__(self, job, noise=0.05, backwards=False, fails=(), dies_at=None, bias=0.0):
+        self.job, self.noise, self.backwards, self.fails, self.dies_at = job, noise, backwards, fails, dies_at
+        self.bias = bias
+        self.flown = []
+
+    def evaluate(self, tasks):
+        for task in reversed(tasks) if self.backwards else tasks:
+            if task.number == self.dies_at:
+                raise KeyboardInterrupt
+            self.flown.append(task.number)
+            yield infeasible(self.job, task, "fake") if task.number in self.fails else self._fly(task)
+
+    def _fly(self, task):
+        unit = paper_bounds().to_unit(task.params)
+        distance = np.abs(unit[1:] - 0.3).mean()
+        rows = []
+        for seed in task.seeds:
+            noise = self.noise * np.random.default_rng(seed).standard_normal(2)
+            f_1, f_2 = np.clip(
+                np.array([np.sqrt(abs(unit[0])), np.sqrt(abs(1 - unit[0]))]) - distance + self.bias + noise, 0, 1
+            )
+            rows.append([f_1, 1, f_2, 1, 1, 1])
+        return Evaluation(
+            task.number,
+            task.params,
+            task.seeds,
+            np.ones((len(rows), 6)),
+            np.array(rows),
+            np.ones((len(rows), 12)),
+            0.01,
+            "fake",
+            "ok",
+        )
+
+    def close(self):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *problem):
+        pass
+
+
+def small_configuration(**settings):
+    """A search of a few points in a tiny scenario."""
+    tiny = Scenario(drones=4, arena_side=100.0, duration=2.0, step=0.1)
+    return Configuration(scenario=tiny, settings=SearchConfig(**{"population": 8, "budget": 60} | settings))
