@@ -96,14 +96,16 @@ def entry_kernel(function: Function) -> Function:
 
 
 class Off(NamedTuple):
-    """What stands in a flight for an effect that is off: its stages' implementations for this type do nothing."""
+    """Stands for an effect that is off: a stage whose first argument it is runs the body of its own declaration."""
 
 
 def stage(signature: Function) -> Function:
     """Declare a stage of the flight whose implementation is chosen by the type of its first argument.
 
-    The choice is made when the loop is compiled for that type, so that another arena, policy or plant costs nothing
-    in each step: it brings a named tuple and, under `implements`, a function with the stage's own argument names.
+    The choice is made when the loop is compiled for that type, so that another arena, policy or effect costs nothing in
+    each step: it brings a named tuple and, under `implements`, a function with the stage's own argument names. The body
+    of the declaration is what happens where the first argument is `Off`; a stage that must never be off raises
+    `NotImplementedError` there.
     """
     return _declare(signature, {"error_model": "numpy"})
 
@@ -119,7 +121,8 @@ def _declare(signature: Function, options: dict[str, Any]) -> Function:
     @functools.wraps(signature)
     def choose(*argument_types: Any, **named: Any) -> Callable[..., Any] | None:
         first = argument_types[0] if argument_types else next(iter(named.values()))
-        return implementations.get(getattr(first, "instance_class", None))  # type: ignore[arg-type]
+        kind = getattr(first, "instance_class", None)
+        return implementations.get(kind, signature if kind is Off else None)  # type: ignore[arg-type]
 
     signature.implementations = implementations  # type: ignore[attr-defined]
     # strict would compare annotations too, which differ by design

@@ -61,4 +61,5 @@ class SpeedLimits(NamedTuple):
 def desired_velocity(
     params: NamedTuple, limits: SpeedLimits, observation: Observation, out: NDArray[np.float64]
 ) -> None:
-    """Write each drone's desired velocity to `out`, (2, N), m/s, world; chosen by the type of `params`."""
+    """Write each drone's desired velocity to `out`, (2, N), m/s, world."""
+    raise NotImplementedError

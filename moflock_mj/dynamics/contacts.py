@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.airframe import ROTORS
-from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel
+from controllers.compiling import hot_kernel, hot_stage, implements, kernel
 from moflock_mj.dynamics.bodies import GROUND, RigidBody
 from moflock_mj.effects.disturbance import outer_force
 from moflock_mj.effects.downwash import downwash_at
@@ -18,7 +18,7 @@ from moflock_mj.effects.wind import air_velocity
 
 @hot_stage
 def air_force_bound(drag: NamedTuple, wind: NamedTuple, downwash: NamedTuple, speed: float, drones: int) -> float:
-    """More than the air can push a body with in a beat, N; chosen by the type of `drag`.
+    """More than the air can push a body with in a beat, N.
 
     Args:
         drag: figures of the vehicle.
@@ -27,7 +27,7 @@ def air_force_bound(drag: NamedTuple, wind: NamedTuple, downwash: NamedTuple, sp
         speed: m/s, that no body exceeds.
         drones: how many there are.
     """
-    raise NotImplementedError
+    return _largest_wash(downwash, drones)
 
 
 @kernel
@@ -36,11 +36,6 @@ def _largest_wash(downwash: NamedTuple, drones: int) -> float:
     for i in range(drones):
         largest = max(largest, downwash_at(downwash, i))
     return largest
-
-
-@implements(air_force_bound, Off)
-def _wash_bound(drag: Off, wind: NamedTuple, downwash: NamedTuple, speed: float, drones: int) -> float:  # noqa: ARG001
-    return _largest_wash(downwash, drones)
 
 
 @implements(air_force_bound, Drag)

@@ -36,7 +36,7 @@ def advance(
     noise: Noise,
     steps: int,
 ) -> None:
-    """Move all drones by one beat; chosen by the type of `dynamics`.
+    """Move all drones by one beat.
 
     Args:
         dynamics: the dynamics.
@@ -46,11 +46,12 @@ def advance(
         noise: random numbers.
         steps: integration steps of the beat.
     """
+    raise NotImplementedError
 
 
 @stage
 def take_fix(dynamics: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-    """Let each drone correct what it estimates of itself, at every GPS fix; chosen by the type of `dynamics`.
+    """Let each drone correct what it estimates of itself, at every GPS fix.
 
     Args:
         dynamics: the dynamics.
@@ -61,7 +62,7 @@ def take_fix(dynamics: NamedTuple, velocity_error: NDArray[np.float64], noise: N
 
 @stage
 def write_state(dynamics: NamedTuple, world: TrueState, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
-    """Write the whole state as MuJoCo orders it; chosen by the type of `dynamics`.
+    """Write the whole state as MuJoCo orders it.
 
     Args:
         dynamics: the dynamics.
@@ -69,3 +70,4 @@ def write_state(dynamics: NamedTuple, world: TrueState, qpos: NDArray[np.float64
         qpos: (N, 7), position (m, world) and quaternion w x y z; written.
         qvel: (N, 6), velocity (m/s, world) and body rates (rad/s, body); written.
     """
+    raise NotImplementedError

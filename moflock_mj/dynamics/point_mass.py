@@ -243,7 +243,7 @@ def _take_no_fix(dynamics: NamedTuple, velocity_error: NDArray[np.float64], nois
 @implements(write_state, PointMass)
 @implements(write_state, WindyPointMass)
 def write_point_masses(
-    dynamics: NamedTuple,  # noqa: ARG001
+    dynamics: NamedTuple,
     world: TrueState,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],

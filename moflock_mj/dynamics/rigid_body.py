@@ -47,7 +47,7 @@ def steer(
     error: NDArray[np.float64],
     i: int,
 ) -> None:
-    """Command the rotors of body i for one step; chosen by the type of `controller`.
+    """Command the rotors of body i for one step.
 
     Args:
         controller: Gains, or Off where others have written `dynamics.thrust_command`.
@@ -83,19 +83,6 @@ def _fly(
         dynamics.observer[i],
         dynamics.thrust_command[i],
     )
-
-
-@implements(steer, Off)
-def _leave(
-    controller: Off,
-    dynamics: RigidBody,
-    desired: NDArray[np.float64],
-    qpos: NDArray[np.float64],
-    qvel: NDArray[np.float64],
-    error: NDArray[np.float64],
-    i: int,
-) -> None:
-    pass
 
 
 @implements(advance, RigidBody)
@@ -148,7 +135,7 @@ def _take_fix(dynamics: RigidBody, velocity_error: NDArray[np.float64], noise: N
 @implements(write_state, RigidBody)
 def write_rigid_bodies(
     dynamics: RigidBody,
-    world: TrueState,  # noqa: ARG001
+    world: TrueState,
     qpos: NDArray[np.float64],
     qvel: NDArray[np.float64],
 ) -> None:

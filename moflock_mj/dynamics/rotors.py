@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.airframe import ROTORS
-from controllers.compiling import Off, hot_kernel, hot_stage, implements, kernel
+from controllers.compiling import hot_kernel, hot_stage, implements, kernel
 from controllers.flight_control.cascade import Gains, rotor_wrench
 from moflock_mj.dynamics.bodies import RigidBody
 from moflock_mj.effects.battery import battery_lift
@@ -23,17 +23,7 @@ from moflock_mj.effects.rotor_power import rotor_power
 def delivered_wrench(
     faults: NamedTuple, gains: Gains, thrust: NDArray[np.float64], i: int
 ) -> tuple[float, float, float, float]:
-    """What the rotors of drone i do to it, as `rotor_wrench`, by thrusts (N, 4), N; chosen by the type of `faults`."""
-    raise NotImplementedError
-
-
-@implements(delivered_wrench, Off)
-def _whole_wrench(
-    faults: Off,  # noqa: ARG001
-    gains: Gains,
-    thrust: NDArray[np.float64],
-    i: int,
-) -> tuple[float, float, float, float]:
+    """What the rotors of drone i do to it, as `rotor_wrench`, by thrusts (N, 4), N."""
     return rotor_wrench(gains, thrust[i])
 
 

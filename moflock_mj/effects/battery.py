@@ -68,7 +68,7 @@ def open_circuit_voltage(charge: float) -> float:
 
 @stage
 def drain(battery: NamedTuple, power: NDArray[np.float64], duration: float) -> None:
-    """Draw power from the batteries for a while; chosen by the type of `battery`.
+    """Draw power from the batteries for a while.
 
     Args:
         battery: changes.
@@ -79,17 +79,7 @@ def drain(battery: NamedTuple, power: NDArray[np.float64], duration: float) -> N
 
 @hot_stage
 def battery_lift(battery: NamedTuple, i: int) -> float:
-    """Thrust of drone i's rotors over that with a full battery under no load; chosen by the type of `battery`."""
-    raise NotImplementedError
-
-
-@implements(drain, Off)
-def _drain_nothing(battery: Off, power: NDArray[np.float64], duration: float) -> None:
-    pass
-
-
-@implements(battery_lift, Off)
-def _full_lift(battery: Off, i: int) -> float:  # noqa: ARG001
+    """Thrust of drone i's rotors over that with a full battery under no load."""
     return 1.0
 
 

@@ -35,29 +35,19 @@ def make_disturbance(scenario: Scenario, airframe: Airframe, step: float) -> Vel
 
 @hot_stage
 def draw_force(outer: NamedTuple, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
-    """Force of the outer noise on body i in step k, N, x and y; chosen by the type of `outer`."""
-    raise NotImplementedError
+    """Force of the outer noise on body i in step k, N, x and y."""
+    return 0.0, 0.0
 
 
 @hot_stage
 def outer_force(outer: NamedTuple) -> float:
-    """Deviation of the outer noise's force, N; chosen by the type of `outer`."""
-    raise NotImplementedError
-
-
-@implements(draw_force, Off)
-def _draw_nothing(outer: Off, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:  # noqa: ARG001
-    return 0.0, 0.0
+    """Deviation of the outer noise's force, N."""
+    return 0.0
 
 
 @implements(draw_force, VelocityDisturbance)
 def _draw_force(outer: VelocityDisturbance, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
     return outer.force * noise[k, 0, i], outer.force * noise[k, 1, i]
-
-
-@implements(outer_force, Off)
-def _no_outer_force(outer: Off) -> float:  # noqa: ARG001
-    return 0.0
 
 
 @implements(outer_force, VelocityDisturbance)

@@ -45,7 +45,7 @@ def make_downwash(scenario: Scenario, airframe: Airframe) -> Downwash | Off:
 
 @stage
 def write_downwash(downwash: NamedTuple, qpos: NDArray[np.float64]) -> None:
-    """Find the force of each drone's jet on those below it; chosen by the type of `downwash`.
+    """Find the force of each drone's jet on those below it.
 
     The jet of a hovering drone is a round turbulent one that carries the momentum of its thrust T: on its axis the air
     moves down at U = B 2 sqrt(T / (pi rho)) / z at a distance z, no faster than the slipstream of momentum theory, and
@@ -62,8 +62,8 @@ def write_downwash(downwash: NamedTuple, qpos: NDArray[np.float64]) -> None:
 
 @hot_stage
 def downwash_at(downwash: NamedTuple, i: int) -> float:
-    """Force of the jets on drone i, N, downwards; chosen by the type of `downwash`."""
-    raise NotImplementedError
+    """Force of the jets on drone i, N, downwards."""
+    return 0.0
 
 
 JET_DECAY = 5.8
@@ -77,16 +77,6 @@ _JET_PROFILE = (sqrt(2.0) - 1) / JET_SPREAD**2
 
 _JET_EDGE = 0.5
 """Of r / z. Farther out the air moves at less than a hundredth of the axis's speed, and the force is left out."""
-
-
-@implements(write_downwash, Off)
-def _wash_nothing(downwash: Off, qpos: NDArray[np.float64]) -> None:
-    pass
-
-
-@implements(downwash_at, Off)
-def _not_washed(downwash: Off, i: int) -> float:  # noqa: ARG001
-    return 0.0
 
 
 @implements(downwash_at, Downwash)

@@ -59,7 +59,7 @@ def add_drag(
     thrust: NDArray[np.float64],
     force: NDArray[np.float64],
 ) -> None:
-    """Add the drag of body and rotors to the forces on all bodies; chosen by the type of `drag`.
+    """Add the drag of body and rotors to the forces on all bodies.
 
     The body's is quadratic in the air-relative velocity v: -rho/2 A |v| v, the same in all directions. The rotors' is
     linear: -c w v_p with v_p the part of v in the rotor plane and w the sum of rotor speeds (P. Martin, E. Salaun: The
@@ -74,18 +74,6 @@ def add_drag(
         thrust: (N, 4), N, of the rotors.
         force: (N, 6), the first three N, world; added to.
     """
-
-
-@implements(add_drag, Off)
-def _add_no_drag(
-    drag: Off,
-    wind: NamedTuple,
-    qpos: NDArray[np.float64],
-    qvel: NDArray[np.float64],
-    thrust: NDArray[np.float64],
-    force: NDArray[np.float64],
-) -> None:
-    pass
 
 
 @implements(add_drag, Drag)

@@ -183,42 +183,22 @@ def _figure(fault: FaultConfig) -> tuple[float, float]:
 
 @stage
 def apply_faults(faults: NamedTuple, world: TrueState, interval: int) -> None:
-    """Let faults begin and end with a beat; chosen by the type of `faults`. world: the true state."""
+    """Let faults begin and end with a beat. world: the true state."""
 
 
 @stage
 def hold_without_gps_or_link(faults: NamedTuple, desired: NDArray[np.float64]) -> None:
-    """Let drones without GPS, or cut off, want to stand, desired: (2, N), m/s; chosen by the type of `faults`."""
+    """Let drones without GPS, or cut off, want to stand, desired: (2, N), m/s."""
 
 
 @stage
 def ballistic_fall(faults: NamedTuple, world: TrueState) -> None:
-    """Put point masses that are switched off where they have fallen by the end of the beat; chosen by `faults`."""
+    """Put point masses that are switched off where they have fallen by the end of the beat."""
 
 
 @hot_stage
 def has_fix(faults: NamedTuple, i: int) -> bool:
-    """Whether drone i has GPS; chosen by the type of `faults`."""
-    raise NotImplementedError
-
-
-@implements(apply_faults, Off)
-def _apply_no_faults(faults: Off, world: TrueState, interval: int) -> None:
-    pass
-
-
-@implements(hold_without_gps_or_link, Off)
-def _hold_none(faults: Off, desired: NDArray[np.float64]) -> None:
-    pass
-
-
-@implements(ballistic_fall, Off)
-def _fall_none(faults: Off, world: TrueState) -> None:
-    pass
-
-
-@implements(has_fix, Off)
-def _has_fix_always(faults: Off, i: int) -> bool:  # noqa: ARG001
+    """Whether drone i has GPS."""
     return True
 
 

@@ -30,17 +30,12 @@ def make_ground_effect(scenario: Scenario, airframe: Airframe) -> GroundEffect |
 
 @hot_stage
 def ground_lift(ground: NamedTuple, height: float) -> float:
-    """How many times its thrust far from the ground a rotor has at `height` (m, world); chosen by the type of `ground`.
+    """How many times its thrust far from the ground a rotor has at `height` (m, world).
 
     1 / (1 - (R / 4z)^2) for a rotor of radius R at z above the ground, held from z = R/2 down, where the formula ends
     (I. C. Cheeseman, W. E. Bennett: The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC R&M 3021,
     1955).
     """
-    raise NotImplementedError
-
-
-@implements(ground_lift, Off)
-def _no_ground(ground: Off, height: float) -> float:  # noqa: ARG001
     return 1.0
 
 

@@ -111,7 +111,7 @@ def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> Wi
 
 @stage
 def blow(wind: NamedTuple, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
-    """Let the gusts change for one period; chosen by the type of `wind`.
+    """Let the gusts change for one period.
 
     Args:
         wind: the air.
@@ -122,17 +122,7 @@ def blow(wind: NamedTuple, velocity: NDArray[np.float64], draws: NDArray[np.floa
 
 @hot_stage
 def air_velocity(wind: NamedTuple, i: int) -> tuple[float, float, float]:
-    """Velocity of the air at drone i, m/s, world; chosen by the type of `wind`."""
-    raise NotImplementedError
-
-
-@implements(blow, Off)
-def _stay_calm(wind: Off, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
-    pass
-
-
-@implements(air_velocity, Off)
-def _still_velocity(wind: Off, i: int) -> tuple[float, float, float]:  # noqa: ARG001
+    """Velocity of the air at drone i, m/s, world."""
     return 0.0, 0.0, 0.0
 
 

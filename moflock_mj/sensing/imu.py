@@ -106,7 +106,7 @@ def make_imu(scenario: Scenario, step: float, interval: float, world: TrueState)
 def estimated(
     imu: NamedTuple, qpos: NDArray[np.float64], qvel: NDArray[np.float64], velocity_error: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """What the controllers go by; chosen by the type of `imu`.
+    """What the controllers go by.
 
     Args:
         imu: Sensors, or Off where drones know the truth but for the GPS error of their velocity.
@@ -117,12 +117,12 @@ def estimated(
     Returns:
         qpos and qvel as believed, and the error that is to be added to the horizontal velocity.
     """
-    raise NotImplementedError
+    return qpos, qvel, velocity_error
 
 
 @stage
 def walk_biases(imu: NamedTuple, draws: NDArray[np.float64]) -> None:
-    """Let the biases walk for a beat; chosen by the type of `imu`. draws: (1, 6, N), N(0, 1)."""
+    """Let the biases walk for a beat. draws: (1, 6, N), N(0, 1)."""
 
 
 @stage
@@ -134,7 +134,7 @@ def read_imu(
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    """Read gyroscopes and accelerometers after a step; chosen by the type of `imu`.
+    """Read gyroscopes and accelerometers after a step.
 
     Args:
         imu: the beliefs in it move on.
@@ -155,7 +155,7 @@ def correct_with_barometer_and_compass(
     draws: NDArray[np.float64],
     faults: NamedTuple,
 ) -> None:
-    """Correct the beliefs by GPS velocity, barometer and compass; chosen by the type of `imu`.
+    """Correct the beliefs by GPS velocity, barometer and compass.
 
     Args:
         imu: the beliefs in it are corrected.
@@ -167,51 +167,12 @@ def correct_with_barometer_and_compass(
     """
 
 
-@implements(estimated, Off)
-def _truth(
-    imu: Off,  # noqa: ARG001
-    qpos: NDArray[np.float64],
-    qvel: NDArray[np.float64],
-    velocity_error: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    return qpos, qvel, velocity_error
-
-
-@implements(walk_biases, Off)
-def _walk_nothing(imu: Off, draws: NDArray[np.float64]) -> None:
-    pass
-
-
-@implements(read_imu, Off)
-def _read_no_imu(
-    imu: Off,
-    qpos: NDArray[np.float64],
-    qvel: NDArray[np.float64],
-    qacc: NDArray[np.float64],
-    draws: NDArray[np.float32],
-    k: int,
-) -> None:
-    pass
-
-
-@implements(correct_with_barometer_and_compass, Off)
-def _take_none(
-    imu: Off,
-    qpos: NDArray[np.float64],
-    qvel: NDArray[np.float64],
-    velocity_error: NDArray[np.float64],
-    draws: NDArray[np.float64],
-    faults: NamedTuple,
-) -> None:
-    pass
-
-
 @implements(estimated, Imu)
 def _estimate(
     imu: Imu,
-    qpos: NDArray[np.float64],  # noqa: ARG001
-    qvel: NDArray[np.float64],  # noqa: ARG001
-    velocity_error: NDArray[np.float64],  # noqa: ARG001
+    qpos: NDArray[np.float64],
+    qvel: NDArray[np.float64],
+    velocity_error: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     return imu.estimate.qpos, imu.estimate.qvel, imu.no_error
 

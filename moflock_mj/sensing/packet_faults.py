@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.compiling import Off, implements, stage
+from controllers.compiling import implements, stage
 from controllers.policies.interface import Observation
 from moflock_mj.effects.fault_injection import FALLEN, FaultSchedule
 from moflock_mj.world.state import TrueState
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @stage
 def corrupt_packets(faults: NamedTuple, state: SensorState, world: TrueState, moment: int) -> None:
-    """Change what the packets of a moment tell, or send none; chosen by the type of `faults`.
+    """Change what the packets of a moment tell, or send none.
 
     Args:
         faults: what is broken.
@@ -33,7 +33,7 @@ def corrupt_packets(faults: NamedTuple, state: SensorState, world: TrueState, mo
 
 @stage
 def corrupt_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
-    """Let the errors of drones without GPS go on without fixes; chosen by the type of `faults`.
+    """Let the errors of drones without GPS go on without fixes.
 
     Args:
         faults: what is broken.
@@ -46,7 +46,7 @@ def corrupt_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
 def drop_neighbours(
     faults: NamedTuple, world: TrueState, moment: int, loss_draws: NDArray[np.float64], observation: Observation
 ) -> None:
-    """Strike out whom each drone does not hear, or should not heed; chosen by the type of `faults`.
+    """Strike out whom each drone does not hear, or should not heed.
 
     Args:
         faults: what is broken.
@@ -59,7 +59,7 @@ def drop_neighbours(
 
 @stage
 def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: float, observation: Observation) -> None:
-    """Write what earlier packets said, carried on to now; chosen by the type of `faults`.
+    """Write what earlier packets said, carried on to now.
 
     Args:
         faults: say how many are kept.
@@ -72,34 +72,7 @@ def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: f
 
 @stage
 def shift_readings(faults: NamedTuple, position: NDArray[np.float64]) -> None:
-    """Add jumps to what drones read of their positions, (2, N), m; chosen by the type of `faults`."""
-
-
-@implements(corrupt_packets, Off)
-def _corrupt_no_packets(faults: Off, state: SensorState, world: TrueState, moment: int) -> None:
-    pass
-
-
-@implements(corrupt_fixes, Off)
-def _corrupt_no_fixes(faults: Off, state: SensorState, t_gps: float) -> None:
-    pass
-
-
-@implements(drop_neighbours, Off)
-def _drop_none(
-    faults: Off, world: TrueState, moment: int, loss_draws: NDArray[np.float64], observation: Observation
-) -> None:
-    pass
-
-
-@implements(recall_packets, Off)
-def _recall_none(faults: Off, state: SensorState, moment: int, t_gps: float, observation: Observation) -> None:
-    pass
-
-
-@implements(shift_readings, Off)
-def _shift_none(faults: Off, position: NDArray[np.float64]) -> None:
-    pass
+    """Add jumps to what drones read of their positions, (2, N), m."""
 
 
 @implements(corrupt_packets, FaultSchedule)

@@ -14,7 +14,7 @@ from controllers.compiling import stage
 def locate_walls(
     arena: NamedTuple, position: NDArray[np.float64], distance: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> None:
-    """Write the walls as seen from `position`; chosen by the type of `arena`.
+    """Write the walls as seen from `position`.
 
     Args:
         arena: the arena.
@@ -22,3 +22,4 @@ def locate_walls(
         distance: (W, N), m, to each wall, negative beyond it; written.
         normal: (W, 2, N), unit vectors from each wall inwards; written.
     """
+    raise NotImplementedError
