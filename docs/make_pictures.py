@@ -11,7 +11,7 @@ from pathlib import Path
 import av
 from PIL import Image
 
-from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj import Scenario, fly, load_point, read_log
 from moflock_mj.analysis.verification import resume
 from moflock_mj.rendering.video import render_video
 from moflock_mj.visualization.flight_figure import save_flight_figure
@@ -66,7 +66,7 @@ def main() -> None:
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         log, later, video, page = (Path(folder) / name for name in ("a.mcap", "b.mcap", "a.mp4", "a.html"))
-        fly(paper_point(POINT), scenario=Scenario(duration=120.0), log=log, keep_samples=False)
+        fly(load_point(POINT), scenario=Scenario(duration=120.0), log=log, keep_samples=False)
         flight = read_log(log)
         save_flight_figure(flight, PICTURES / "picture.png")
         shrink(PICTURES / "picture.png")

@@ -12,7 +12,7 @@ from moflock_mj.errors import MoflockError, ScenarioError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Bounds:
+class FieldSpec:
     """What a field's value must be.
 
     Attributes:
@@ -53,7 +53,7 @@ class Bounds:
 
 def quantity(default: Any, unit: str, help: str, **bounds: Any) -> Any:
     """A dataclass field with a default, a unit and bounds."""
-    return dataclasses.field(default=default, metadata={"bounds": Bounds(unit=unit, help=help, **bounds)})
+    return dataclasses.field(default=default, metadata={"bounds": FieldSpec(unit=unit, help=help, **bounds)})
 
 
 def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> None:
@@ -82,7 +82,7 @@ def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> No
                 raise error(f"{name}: {value!r} is of the wrong type: it must be a tuple of {kind.__name__}")
             continue
         value = _typed(field, name, value, error)
-        bounds: Bounds = field.metadata["bounds"]
+        bounds: FieldSpec = field.metadata["bounds"]
         if value is not None and not bounds.admits(value):
             raise error(f"{name}: {value!r} is out of bounds: it must be {bounds.limit()}")
         object.__setattr__(record, field.name, value)
@@ -172,9 +172,9 @@ class Section:
 def section(kind: type[Section], help: str, *, on: bool = False) -> Any:
     """A dataclass field that holds a section, or None where it is off; one that is `on` is never off."""
     default = kind() if on else None
-    return dataclasses.field(default=default, metadata={"bounds": Bounds(unit="1", help=help), "section": kind})
+    return dataclasses.field(default=default, metadata={"bounds": FieldSpec(unit="1", help=help), "section": kind})
 
 
 def sections(kind: type[Section], help: str) -> Any:
     """A dataclass field that holds a tuple of sections, none by default."""
-    return dataclasses.field(default=(), metadata={"bounds": Bounds(unit="1", help=help), "sections": kind})
+    return dataclasses.field(default=(), metadata={"bounds": FieldSpec(unit="1", help=help), "sections": kind})

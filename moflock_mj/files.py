@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and files that are read only up to a size."""
 
 from __future__ import annotations
 
@@ -8,6 +8,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from moflock_mj.errors import RenderError
+
+
+def read_limited(path: str | os.PathLike[str], most: int) -> bytes:
+    """The content of a file of at most so many bytes.
+
+    Raises:
+        OSError: it cannot be read, or is larger; `strerror` says why.
+    """
+    with Path(path).open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise OSError(None, f"over {most} bytes; it must be at most {most} bytes")
+    return content
 
 
 @contextlib.contextmanager

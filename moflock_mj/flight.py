@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.metrics.events import FlightEvent, fault_events, find_events
 from moflock_mj.metrics.samples import SampleBuffer, final_fitness, final_order_parameters, join_samples, sample_times
 from moflock_mj.metrics.tracking import MotionMeter
-from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.results import BodyFigures, Flight, FlightObserver, Progress
 from moflock_mj.simulation.simulation import Simulation
@@ -27,7 +28,7 @@ _FOLLOWED_CHUNK = 1.0
 
 
 def fly(
-    params: VasarhelyiParams,
+    params: NamedTuple,
     *,
     scenario: Scenario | None = None,
     dynamics: str = "rigid_body",
@@ -54,11 +55,49 @@ def fly(
     Raises:
         MoflockError: what was asked for cannot be flown, a state is no longer finite, or the log cannot be written.
     """
-    simulation = Simulation(check_point(params), scenario or Scenario(), dynamics, seed)
-    return fly_on(simulation, log=log, keep_samples=keep_samples, progress=progress, stop=stop, observers=observers)
+    simulation = Simulation(params, scenario or Scenario(), dynamics, seed)
+    return continue_flight(
+        simulation, log=log, keep_samples=keep_samples, progress=progress, stop=stop, observers=observers
+    )
 
 
-def fly_on(
+def fly_many(
+    params: Sequence[NamedTuple],
+    *,
+    scenario: Scenario | None = None,
+    dynamics: str = "rigid_body",
+    seeds: Sequence[int] = (1,),
+    workers: int | None = None,
+    keep_samples: bool = False,
+) -> list[list[Flight]]:
+    """Fly several parameter sets, each on several seeds, side by side; compiled flights hold no interpreter lock.
+
+    Args:
+        params: P parameter sets.
+        scenario: what is flown; the paper's if absent.
+        dynamics: "rigid_body" or "point_mass".
+        seeds: S seeds, the same for each set.
+        workers: threads; by default as many as there are processors.
+        keep_samples: whether the flights keep their samples.
+
+    Returns:
+        (P, S) flights, in the order of the sets and the seeds.
+
+    Raises:
+        MoflockError: one of them cannot be flown.
+    """
+
+    def one(task: tuple[NamedTuple, int]) -> Flight:
+        point, seed = task
+        return fly(point, scenario=scenario, dynamics=dynamics, seed=seed, keep_samples=keep_samples)
+
+    tasks = [(point, seed) for point in params for seed in seeds]
+    with concurrent.futures.ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        flights = list(pool.map(one, tasks))
+    return [flights[first : first + len(seeds)] for first in range(0, len(flights), len(seeds))]
+
+
+def continue_flight(
     simulation: Simulation,
     *,
     log: str | Path | None = None,
@@ -99,7 +138,7 @@ def fly_on(
             observer.store_state()
         while not simulation.finished and not (records and stop is not None and stop()):
             number = simulation.samples
-            record = simulation.fly(chunk, whole_states=any(observer.needs_states for observer in told))
+            record = simulation.run(chunk, whole_states=any(observer.needs_states for observer in told))
             if not len(record.nearest):
                 continue  # the samples are farther apart than a chunk is long
             time_ns = sample_times(scenario, number, len(record.nearest))

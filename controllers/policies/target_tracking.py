@@ -1,4 +1,4 @@
-"""The loitering policy: flocking, and a gentle pull towards a target and towards the flock's local middle.
+"""The target-tracking policy: flocking, and a weak pull towards a target and towards the local centre of the flock.
 
 Source: the target tracking of Bansal, Sethi, Anicho and Nagar, section Results, and of their simulator MOflock.
 """
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, hot_kernel, implements
 from controllers.geometry import clip_length
-from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
-from controllers.policies.vasarhelyi import VasarhelyiParams, vasarhelyi_velocity
+from controllers.policies.interface import Observation, Parameter, PolicySpec, SpeedLimits, desired_velocity
+from controllers.policies.vasarhelyi import VASARHELYI, VasarhelyiParams, vasarhelyi_velocity
 
 PULL = 2.0
 """m/s, the most that target and middle together add to a drone's velocity."""
@@ -26,32 +26,17 @@ LOOSE = 40.0
 
 
 class TargetTrackingParams(NamedTuple):
-    """The flocking policy's 12 parameters, by the same names and in the same order, and where the target is.
+    """Parameters of flocking around a target.
 
     Attributes:
-        r0_rep: and the 11 that follow, see `VasarhelyiParams`.
-        target_x: m, world; so is target_y.
+        base: the 12 parameters of flocking.
+        target_x: m, world.
+        target_y: m, world.
     """
 
-    r0_rep: float
-    p_rep: float
-    r0_frict: float
-    a_frict: float
-    p_frict: float
-    v_frict: float
-    c_frict: float
-    r0_shill: float
-    v_shill: float
-    a_shill: float
-    p_shill: float
-    c_shill: float
+    base: VasarhelyiParams
     target_x: float
     target_y: float
-
-    @classmethod
-    def of(cls, params: VasarhelyiParams, target: tuple[float, float]) -> TargetTrackingParams:
-        """A flock's parameters and a target at (x, y), m."""
-        return cls(*params, float(target[0]), float(target[1]))
 
 
 @hot_kernel
@@ -87,16 +72,31 @@ def target_tracking_policy(
         observation: what each drone knows.
         out: (2, N), m/s, world; written.
     """
-    flocking = VasarhelyiParams(*params[:12])
     for i in range(out.shape[1]):
         x, y = observation.own_position[0, i], observation.own_position[1, i]
         middle_x, middle_y = _middle(observation, i)
         target_x, target_y = _towards(params.target_x - x, params.target_y - y, REACHED)
         back_x, back_y = _towards(middle_x - x, middle_y - y, LOOSE)
         pull_x, pull_y = clip_length(target_x + back_x, target_y + back_y, PULL)
-        want_x, want_y = vasarhelyi_velocity(flocking, limits, observation, i)
+        want_x, want_y = vasarhelyi_velocity(params.base, limits, observation, i)
         out[0, i], out[1, i] = clip_length(want_x + pull_x, want_y + pull_y, limits.v_max)
 
 
 decide = entry_kernel(target_tracking_policy)
 """`target_tracking_policy`, compiled, for callers outside a compiled flight."""
+
+
+_REACH = 1e4
+"""m, bound of the target's coordinates."""
+
+TARGET_TRACKING = PolicySpec(
+    name="target_tracking",
+    params=TargetTrackingParams,
+    parameters=(
+        *VASARHELYI.parameters,
+        Parameter("target_x", "m", "x of the target", -_REACH, _REACH),
+        Parameter("target_y", "m", "y of the target", -_REACH, _REACH),
+    ),
+    interaction_range=lambda params, v_flock: VASARHELYI.interaction_range(params.base, v_flock),
+    checks=lambda params, conditions: VASARHELYI.checks(params.base, conditions),
+)

@@ -6,7 +6,8 @@ with the shill gain of Bansal, Sethi, Anicho and Nagar (`c_shill`). Symbols are 
 
 from __future__ import annotations
 
-from math import sqrt
+from collections.abc import Sequence
+from math import inf, log10, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,16 @@ from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel, hot_kernel, implements, kernel
 from controllers.geometry import clip_length
-from controllers.policies.braking import braking_curve
-from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
+from controllers.policies.braking import braking_curve, braking_distance
+from controllers.policies.interface import (
+    FlightConditions,
+    Observation,
+    Parameter,
+    PolicyCheck,
+    PolicySpec,
+    SpeedLimits,
+    desired_velocity,
+)
 
 
 class VasarhelyiParams(NamedTuple):
@@ -149,3 +158,173 @@ def vasarhelyi_policy(
 
 decide = entry_kernel(vasarhelyi_policy)
 """`vasarhelyi_policy`, compiled, for callers outside a compiled flight: a live deployment, a notebook, a test."""
+
+
+def interaction_range(params: VasarhelyiParams, v_flock: float) -> float:
+    """r_cluster of the paper, m: r0_rep + r0_frict + the braking distance from v_flock, m/s."""
+    return float(params.r0_rep + params.r0_frict + braking_distance(v_flock, params.a_frict, params.p_frict))
+
+
+_SEARCH_ANOTHER = "choose another point: moflock pick, moflock validate"
+
+_FULL = 0.5
+"""Share of the arena that a flock at the distances of its repulsion may take."""
+
+_GAIN_MARGIN_MIN = 6.0
+"""dB, of the loop that keeps two drones apart."""
+
+_PHASE_MARGIN_MIN = 45.0
+"""Degrees, of the same loop."""
+
+
+def checks(params: VasarhelyiParams, conditions: FlightConditions) -> Sequence[PolicyCheck]:
+    """All checks of the parameters before a flight: ranges, braking, space, and the loop of repulsion."""
+    return [
+        *_range_checks(params, conditions),
+        *_braking_checks(params, conditions),
+        *_space_checks(params, conditions),
+        *_loop_checks(params, conditions),
+    ]
+
+
+def _range_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
+    """Ranges must be in order for the terms of the policy to follow each other."""
+    closing = 2 * conditions.v_max * (conditions.delay + conditions.t_gps + conditions.tau)
+    return [
+        PolicyCheck(
+            name="alignment begins outside repulsion",
+            good=params.r0_frict >= params.r0_rep,
+            value=params.r0_frict,
+            unit="m",
+            limit=f"r0_frict at least r0_rep, {params.r0_rep:g} m",
+            advice=f"drones would be pushed apart before they match speeds: {_SEARCH_ANOTHER}",
+        ),
+        PolicyCheck(
+            name="repulsion within radio range",
+            good=params.r0_rep <= conditions.r_comm,
+            value=params.r0_rep,
+            unit="m",
+            limit=f"r0_rep at most r_comm, {conditions.r_comm:g} m",
+            advice="drones cannot avoid drones that they do not receive: use radios of longer range, or another point",
+        ),
+        PolicyCheck(
+            name="alignment within radio range",
+            good=params.r0_frict <= conditions.r_comm,
+            value=params.r0_frict,
+            unit="m",
+            limit=f"r0_frict at most r_comm, {conditions.r_comm:g} m",
+            advice="no packets arrive from the outer part of the alignment range: use radios of longer range",
+            fatal=False,
+        ),
+        PolicyCheck(
+            name="distance until drones react to each other",
+            good=closing <= params.r0_rep,
+            value=closing,
+            unit="m",
+            limit=f"2 v_max (t_del + t_gps + tau) at most r0_rep, {params.r0_rep:g} m",
+            advice="two drones that meet close in faster than they react: lower v_max, or choose a point with a larger "
+            "r0_rep",
+            whole_flock=True,
+        ),
+    ]
+
+
+def _braking_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
+    """Braking curves must not ask for more than the airframe can do."""
+    hardest = conditions.a_max
+    return [
+        PolicyCheck(
+            name="braking at walls",
+            good=params.a_shill <= hardest,
+            value=params.a_shill,
+            unit="m/s^2",
+            limit=f"a_shill at most {hardest:.3g} m/s^2, what {conditions.airframe} can do",
+            advice=f"drones would overshoot the wall: {_SEARCH_ANOTHER}, or use a stronger airframe",
+        ),
+        PolicyCheck(
+            name="braking among drones",
+            good=params.a_frict <= 2 * hardest,
+            value=params.a_frict,
+            unit="m/s^2",
+            limit=f"a_frict at most {2 * hardest:.3g} m/s^2: both drones of a pair brake",
+            advice=f"two drones that meet could not brake as the policy assumes: {_SEARCH_ANOTHER}",
+        ),
+        PolicyCheck(
+            name="walls turn the flock",
+            good=params.v_shill > conditions.v_flock,
+            value=params.v_shill,
+            unit="m/s",
+            limit=f"v_shill over v_flock, {conditions.v_flock:g} m/s",
+            advice="drones would leave the arena: choose a point with a larger v_shill, or lower v_flock",
+        ),
+    ]
+
+
+def _space_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
+    """The arena must have space: in hexagonal packing a drone takes sqrt(3)/2 times its distance squared."""
+    taken = conditions.drones * sqrt(3) / 2 * params.r0_rep**2 / conditions.arena_area
+    return [
+        PolicyCheck(
+            name="space in the arena",
+            good=taken <= _FULL,
+            value=100 * taken,
+            unit="%",
+            limit=f"drones r0_rep apart take at most {100 * _FULL:g} % of the arena",
+            advice="fly fewer drones or use a larger arena",
+            fatal=taken > 1,
+            whole_flock=True,
+        ),
+    ]
+
+
+def _loop_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
+    """Margins of the loop that keeps two drones apart, through the links.
+
+    Both move by p_rep (m/s for each m of distance), with the velocity response of the airframe, 1 / (1 + tau s), on
+    positions that are as old as the delay, and on average half of an interval of fixes.
+    """
+    import control  # noqa: PLC0415 - takes most of a second
+
+    delay = conditions.delay + conditions.t_gps / 2
+    s = control.tf("s")
+    numerator, denominator = control.pade(delay, 6) if delay > 0 else ([1.0], [1.0])
+    loop = 2 * params.p_rep / (s * (1 + conditions.tau * s)) * control.tf(numerator, denominator)
+    gain, phase, _, _ = map(float, control.margin(loop))
+    decibels = 20 * log10(gain) if 0 < gain < inf else inf
+    what = f"with {1e3 * conditions.delay:.0f} ms of delay"
+    margins = (("gain", decibels, _GAIN_MARGIN_MIN, "dB"), ("phase", phase, _PHASE_MARGIN_MIN, "degrees"))
+    return [
+        PolicyCheck(
+            name=f"{kind} margin of repulsion {what}",
+            good=value >= least,
+            value=value,
+            unit=unit,
+            limit=f"at least {least:g} {unit}",
+            advice="shorten the delay (radios, rates), or choose a point with a smaller p_rep",
+            whole_flock=True,
+        )
+        for kind, value, least, unit in margins
+    ]
+
+
+VASARHELYI = PolicySpec(
+    name="vasarhelyi",
+    params=VasarhelyiParams,
+    parameters=(
+        # Bounds: the paper's table of decision variables.
+        Parameter("r0_rep", "m", "range of repulsion", 30.8, 51.0),
+        Parameter("p_rep", "1/s", "gain of repulsion", 0.02, 0.1),
+        Parameter("r0_frict", "m", "range of full alignment, beyond r0_rep", 58.5, 100.0),
+        Parameter("a_frict", "m/s^2", "acceleration of the braking curve of alignment", 5.04, 10.0, positive=True),
+        Parameter("p_frict", "1/s", "slope of the braking curve of alignment", 0.38, 9.67, positive=True),
+        Parameter("v_frict", "m/s", "velocity difference that alignment tolerates", 0.3, 2.7),
+        Parameter("c_frict", "1", "gain of alignment", 0.03, 0.22),
+        Parameter("r0_shill", "m", "distance from the wall at which a drone stops", -10.0, 0.0),
+        Parameter("v_shill", "m/s", "speed of the shill agents", 10.0, 15.0),
+        Parameter("a_shill", "m/s^2", "acceleration of the braking curve of walls", 1.54, 6.55, positive=True),
+        Parameter("p_shill", "1/s", "slope of the braking curve of walls", 0.48, 9.96, positive=True),
+        Parameter("c_shill", "1", "gain of walls", 0.3, 1.0),
+    ),
+    interaction_range=interaction_range,
+    checks=checks,
+)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.flight_control.gain_design import Margins, design_gains
-from moflock_mj.analysis.step_response import respond_to_steps
+from moflock_mj.analysis.step_response import step_response
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.scenario.effect_configs import PointMassConfig
 from moflock_mj.scenario.scenario import Scenario
@@ -96,11 +96,11 @@ def identify(scenario: Scenario) -> Identification:
     sizes = np.repeat(STEP_SIZES, DIRECTIONS)
     legs = np.array([1.0, -1.0, 0.0])[:, None] * sizes  # (K, N), along each direction
     commands = legs[:, None, :] * along
-    flown = respond_to_steps(scenario, commands, LEG_SECONDS)
+    flown = step_response(scenario, commands, LEG_SECONDS)
     step = float(flown.t[1])
 
     def misfit(response: PointMassConfig) -> NDArray[np.float64]:
-        answered = respond_to_steps(scenario.replace(point_mass=response), commands, LEG_SECONDS, "point_mass")
+        answered = step_response(scenario.replace(point_mass=response), commands, LEG_SECONDS, "point_mass")
         return np.asarray(((answered.velocity - flown.velocity) * along).sum(axis=1))
 
     asked = PointMassConfig(tau=scenario.tau, a_max=scenario.a_max)

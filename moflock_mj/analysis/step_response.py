@@ -32,7 +32,7 @@ class StepResponse(NamedTuple):
     velocity: NDArray[np.float64]
 
 
-def respond_to_steps(
+def step_response(
     scenario: Scenario, legs: NDArray[np.float64], seconds: float, dynamics: str = "rigid_body"
 ) -> StepResponse:
     """Fly one drone for each of N sequences of commands, from rest, without noise of any kind.

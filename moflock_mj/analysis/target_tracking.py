@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import FlightError, ScenarioError
-from moflock_mj.flight import fly_on
+from moflock_mj.flight import continue_flight
 from moflock_mj.metrics.samples import Samples
 from moflock_mj.parameters.points import with_target
 from moflock_mj.scenario.scenario import Scenario
@@ -78,7 +77,7 @@ class TargetResult:
 
 
 def track_target(
-    params: VasarhelyiParams,
+    params: NamedTuple,
     *,
     target: tuple[float, float] = (0.0, 0.0),
     scenario: Scenario | None = None,
@@ -109,7 +108,7 @@ def track_target(
             f"duration: {scenario.duration:g} s is too short: it must be over the {transient:g} s of transient"
         )
     simulation = Simulation(with_target(params, target, scenario.arena_side), scenario, dynamics, seed)
-    flight = fly_on(simulation, log=log, progress=progress)
+    flight = continue_flight(simulation, log=log, progress=progress)
     samples = cast("Samples", flight.samples)
     distance = target_distance(samples.position, target)
     steady = samples.t >= transient

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
-from moflock_mj.errors import LogError
-from moflock_mj.flight import fly_on
+from controllers.policies.registry import spec_of
+from controllers.policies.target_tracking import TargetTrackingParams
+from moflock_mj.errors import LogError, PointError
+from moflock_mj.flight import continue_flight
 from moflock_mj.log.flight_logger import run_metadata
 from moflock_mj.log.reader import LoggedFlight
 from moflock_mj.log.schemas import RESUMED_AT, RESUMED_FROM, state_digests
@@ -112,7 +113,7 @@ def verify(logged: LoggedFlight, progress: Progress | None = None) -> Verificati
     difference, last = None, float(logged.samples.t[-1])
     while difference is None and not simulation.finished and simulation.time < last - 1e-9:
         number = simulation.samples
-        record = simulation.fly(min(_CHUNK, last - simulation.time), whole_states=True)
+        record = simulation.run(min(_CHUNK, last - simulation.time), whole_states=True)
         difference = _first_difference(logged, record, number)
         if progress and len(record.nearest):
             progress(simulation.time, final_fitness(record, logged.scenario))
@@ -133,7 +134,7 @@ def resume(
     logged: LoggedFlight,
     at: float,
     *,
-    params: VasarhelyiParams | None = None,
+    params: NamedTuple | None = None,
     duration: float | None = None,
     log: str | Path | None = None,
     keep_samples: bool = True,
@@ -165,7 +166,7 @@ def resume(
         raise LogError(f"log: {log}: is the log that the flight is resumed from; it must be another file")
     state_time = _state_before(logged, at)
     simulation = Simulation(
-        logged.params if params is None else logged.params._replace(**check_point(params)._asdict()),
+        logged.params if params is None else _same_policy(logged.params, check_point(params)),
         _prolonged(logged.scenario, state_time, duration),
         logged.dynamics,
         logged.seed,
@@ -174,7 +175,20 @@ def resume(
     if simulation.finished:
         raise LogError(f"log: {logged.log}: the flight ends at {simulation.time:g} s; flying on needs a duration")
     origin = {RESUMED_FROM: logged.log.name, RESUMED_AT: repr(state_time)}
-    return fly_on(simulation, log=log, origin=origin, keep_samples=keep_samples, progress=progress, stop=stop)
+    return continue_flight(simulation, log=log, origin=origin, keep_samples=keep_samples, progress=progress, stop=stop)
+
+
+def _same_policy(logged: NamedTuple, params: NamedTuple) -> NamedTuple:
+    """The new parameters for a flight; flocking around a target keeps its target.
+
+    Raises:
+        PointError: they are of another policy.
+    """
+    if isinstance(logged, TargetTrackingParams) and isinstance(params, type(logged.base)):
+        return logged._replace(base=params)
+    if type(params) is not type(logged):
+        raise PointError(f"policy: {spec_of(params).name!r} is another than the log's, {spec_of(logged).name!r}")
+    return params
 
 
 def _refuse_deployed(logged: LoggedFlight, what: str) -> None:

@@ -9,7 +9,7 @@ import importlib.metadata
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -19,7 +19,6 @@ from moflock_mj.errors import ReportError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from controllers.policies.vasarhelyi import VasarhelyiParams
     from moflock_mj.mavlink.signing import SigningKey
     from moflock_mj.preflight.inspection import Inspection, LivePlan, StatusCallback
     from moflock_mj.preflight.report import Report
@@ -118,7 +117,7 @@ _STYLES = {"pass": "green", "warning": "yellow", "off": "dim"}
 
 def preflight(
     point_name: str,
-    params: VasarhelyiParams,
+    params: NamedTuple,
     scenario: Scenario,
     *,
     live: LivePlan | None,
@@ -146,10 +145,11 @@ def preflight(
     Raises:
         MoflockError: something cannot be checked at all, or the report cannot be written.
     """
+    from controllers.policies.registry import spec_of, values_of
     from moflock_mj.cli.console import share_progress
     from moflock_mj.log.flight_logger import source_commit
     from moflock_mj.preflight.inspection import inspect
-    from moflock_mj.preflight.parameter_checks import offline_items
+    from moflock_mj.preflight.parameter_checks import parameter_items
     from moflock_mj.preflight.report import Report, default_path, signer, write_report
     from moflock_mj.preflight.simulation_checks import fly_trials, trial_items
 
@@ -158,7 +158,7 @@ def preflight(
         with _status() as told:
             seen = asyncio.run(inspect(live, key, told))
         scenario = scenario.replace(drones=len(seen.vehicles))
-    items = offline_items(params, scenario, link_delay=seen.link_delay if seen else 0.0)
+    items = parameter_items(params, scenario, link_delay=seen.link_delay if seen else 0.0)
     energy = None
     if seeds:
         with share_progress(f"{len(seeds)} flights on rigid bodies") as flown:
@@ -173,7 +173,8 @@ def preflight(
         signed_off_by=signed_off_by or signer(),
         version=importlib.metadata.version("moflock-mj"),
         commit=source_commit(),
-        point={name: float(value) for name, value in params._asdict().items()},
+        policy=spec_of(params).name,
+        point=values_of(params),
         point_name=point_name,
         scenario=json.loads(json.dumps(scenario.to_dict())),
         seeds=tuple(seeds),

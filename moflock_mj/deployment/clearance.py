@@ -5,8 +5,8 @@ from __future__ import annotations
 import datetime
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import ReportError
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.signing import SigningKey
@@ -44,7 +44,7 @@ def candidates(path: Path | None, key: SigningKey | None) -> list[Report]:
 
 def require_permission(
     reports: Sequence[Report],
-    params: VasarhelyiParams,
+    params: NamedTuple,
     scenario: Scenario,
     vehicles: Sequence[RemoteVehicle],
     *,

@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from controllers.policies.interface import Observation, SpeedLimits
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.deployment.loop_health import Health
 from moflock_mj.deployment.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
 from moflock_mj.deployment.setpoint_timing import Latency
@@ -67,7 +66,7 @@ class Controller:
 
     def __init__(
         self,
-        params: VasarhelyiParams,
+        params: NamedTuple,
         scenario: Scenario,
         members: Sequence[Member],
         ground: GroundStation,

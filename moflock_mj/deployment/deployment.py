@@ -8,9 +8,8 @@ import dataclasses
 import enum
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.deployment.controller import Controller
 from moflock_mj.deployment.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
 from moflock_mj.deployment.prelaunch import check_start, prepare, require_simulated
@@ -71,7 +70,7 @@ class DeployPlan:
         metadata: what else the log says of itself.
     """
 
-    params: VasarhelyiParams
+    params: NamedTuple
     scenario: Scenario
     connections: tuple[Connection, ...]
     count: int | None = None

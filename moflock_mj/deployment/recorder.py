@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import spec_of, values_of
 from moflock_mj.deployment.controller import Controller
 from moflock_mj.deployment.member import Member
 from moflock_mj.deployment.setpoint_timing import LatencyFigures
@@ -28,7 +28,7 @@ from moflock_mj.log.writer import FlightLog
 from moflock_mj.mavlink.frames import frd_of_flu, quaternion_of_euler
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness, fitness_of
-from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, OrderParameters, cluster_range
+from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, OrderParameters
 from moflock_mj.scenario.scenario import DEPLOYED, Scenario
 from moflock_mj.world.square import SquareArena
 from moflock_mj.world.state import TrueState
@@ -79,7 +79,7 @@ class DeploymentRecorder:
     def __init__(
         self,
         path: Path | None,
-        params: VasarhelyiParams,
+        params: NamedTuple,
         scenario: Scenario,
         members: Sequence[Member],
         clock: Callable[[], float],
@@ -93,7 +93,7 @@ class DeploymentRecorder:
         self._clock = clock
         self._say = say
         self._arena = SquareArena(scenario.arena_side)
-        self._ranges = MetricRanges(cluster_range(params, scenario.v_flock), scenario.r_coll)
+        self._ranges = MetricRanges(spec_of(params).interaction_range(params, scenario.v_flock), scenario.r_coll)
         drones = len(members)
         self._world = TrueState.at_rest(drones)
         self._accumulator = MetricAccumulator.empty(drones, self._arena.walls)
@@ -211,11 +211,12 @@ class DeploymentRecorder:
         self._log.write(SampleBlock(time_ns, qpos, qvel, desired, status, running, np.stack(fitness, axis=1)))
 
 
-def _open(path: Path, params: VasarhelyiParams, scenario: Scenario, more: Mapping[str, str]) -> FlightLog:
+def _open(path: Path, params: NamedTuple, scenario: Scenario, more: Mapping[str, str]) -> FlightLog:
     step = scenario.step_for("rigid_body")
     metadata = {
         "scenario": scenario.to_toml(),
-        "parameters": json.dumps(params._asdict()),
+        "policy": spec_of(params).name,
+        "parameters": json.dumps(values_of(params)),
         "dynamics": DEPLOYED,
         "seed": "0",
         "step": repr(step),

@@ -15,11 +15,10 @@ from controllers.compiling import entry_kernel, kernel
 from controllers.geometry import clip_length
 from controllers.policies.braking import braking_curve
 from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import spec_of
 from moflock_mj.metrics.order_parameters import (
     MetricAccumulator,
     MetricRanges,
-    cluster_range,
     count_sample,
     write_running,
 )
@@ -84,13 +83,13 @@ def steer(
             out[0, i] = out[1, i] = 0.0
 
 
-def compile_policy(params: VasarhelyiParams, scenario: Scenario) -> None:
+def compile_policy(params: NamedTuple, scenario: Scenario) -> None:
     """Compile what steers and judges a flock, which takes some 20 s once on a machine, before anybody listens."""
     arena, world = SquareArena(scenario.arena_side), TrueState.at_rest(2)
     limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
     observation = Observation.empty(2, arena.walls)
     steer(params, limits, arena, scenario.r_comm, FlockMembers.none(2), observation, np.zeros((2, 2)))
-    ranges = MetricRanges(cluster_range(params, scenario.v_flock), scenario.r_coll)
+    ranges = MetricRanges(spec_of(params).interaction_range(params, scenario.v_flock), scenario.r_coll)
     score(world, arena, ranges, False, MetricAccumulator.empty(2, arena.walls), np.zeros(6))
 
 

@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import spec_of, values_of
 from moflock_mj.dynamics.airframe_models import flock_spec, load_airframe
 from moflock_mj.errors import LogError
 from moflock_mj.log.encoder import Attachment, LogHeader, SampleBlock
@@ -140,7 +140,8 @@ def run_metadata(simulation: Simulation) -> dict[str, str]:
     """All that is needed to fly this flight again, and when and on what it was flown."""
     return {
         "scenario": simulation.scenario.to_toml(),
-        "parameters": json.dumps(simulation.params._asdict()),
+        "policy": spec_of(simulation.params).name,
+        "parameters": json.dumps(values_of(simulation.params)),
         "dynamics": simulation.dynamics,
         "seed": str(simulation.seed),
         "step": repr(simulation.step),
@@ -164,7 +165,7 @@ def circumstances() -> dict[str, str]:
 
 
 def flight_attachments(
-    scenario: Scenario, params: VasarhelyiParams, step: float, metadata: Mapping[str, str]
+    scenario: Scenario, params: NamedTuple, step: float, metadata: Mapping[str, str]
 ) -> tuple[Attachment, ...]:
     """The files inside a log: model, scenario, parameters, a copy of the metadata, layouts for viewers."""
     model = flock_spec(scenario.airframe, scenario.drones, step, visuals=scenario.drones <= _MAX_DRAWN)

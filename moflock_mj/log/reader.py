@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from controllers.compiling import entry_kernel
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import DEFAULT_POLICY
 from moflock_mj.errors import LogError, MoflockError
 from moflock_mj.log.mcap_records import (
     ChunkUnpacker,
@@ -52,7 +52,7 @@ from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
 from moflock_mj.metrics.samples import Samples
-from moflock_mj.parameters.points import check_point, with_target
+from moflock_mj.parameters.points import find_policy, point_from_values
 from moflock_mj.scenario.scenario import DEFAULT_STEP, DEPLOYED, Scenario
 from moflock_mj.simulation.results import AnyFlight
 
@@ -135,7 +135,7 @@ def read_log(path: str | Path) -> LoggedFlight:
         raise LogError(f"log: {path}: {problem}") from None
 
 
-def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, VasarhelyiParams, str, int]:
+def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, NamedTuple, str, int]:
     """What the record `moflock.run` says was flown: scenario, parameters, dynamics, seed.
 
     Raises:
@@ -148,13 +148,9 @@ def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, VasarhelyiParams, 
         if log_version > LOG_VERSION:
             raise DamageError(f"log_version: {log_version} is newer than {LOG_VERSION}; a newer moflock reads it")
         field = "parameters"
-        values = json.loads(metadata[field])
-        params = check_point(values[name] for name in VasarhelyiParams._fields)
+        params = point_from_values(find_policy(metadata.get("policy", DEFAULT_POLICY)), json.loads(metadata[field]))
         field = "scenario"
         scenario = Scenario.from_toml(metadata[field])
-        field = "parameters"
-        if "target_x" in values:
-            params = with_target(params, (float(values["target_x"]), float(values["target_y"])), scenario.arena_side)
         field = "seed"
         seed = int(metadata[field])
         field = "dynamics"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from controllers.policies.registry import spec_of, values_of
 from moflock_mj.errors import RenderError
 from moflock_mj.files import new_file
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
@@ -91,7 +92,8 @@ def _conditions(flight: AnyFlight) -> dict[str, str]:
     """What is needed to fly this flight again."""
     return {
         "scenario": flight.scenario.to_toml(),
-        "parameters": json.dumps(flight.params._asdict()),
+        "policy": spec_of(flight.params).name,
+        "parameters": json.dumps(values_of(flight.params)),
         "dynamics": flight.dynamics,
         "seed": str(flight.seed),
         "fitness": json.dumps(flight.fitness._asdict()),

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import kernel
-from controllers.policies.braking import braking_distance
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
@@ -82,11 +80,6 @@ class MetricAccumulator(NamedTuple):
             wall_distance=np.zeros((walls, drones)),
             wall_normal=np.zeros((walls, 2, drones)),
         )
-
-
-def cluster_range(params: VasarhelyiParams, v_flock: float) -> float:
-    """r_cluster, m: r0_rep + r0_frict + the braking distance from v_flock."""
-    return float(params.r0_rep + params.r0_frict + braking_distance(v_flock, params.a_frict, params.p_frict))
 
 
 @kernel

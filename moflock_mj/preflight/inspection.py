@@ -249,7 +249,8 @@ class _Inspector:
             for item in readiness(vehicle, profile, origin, self._scenario)
         ]
         return [
-            item.model_copy(update={"grade": running}) if item.result is CheckResult.RUNNING else item for item in items
+            item.model_copy(update={"result": running}) if item.result is CheckResult.RUNNING else item
+            for item in items
         ]
 
     def _origin(self) -> Origin | None:

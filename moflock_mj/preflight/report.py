@@ -16,15 +16,15 @@ import os
 import stat
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple, Self
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import spec_of, values_of
 from moflock_mj.errors import CheckFailedError, MoflockError, PointError, ReportError
 from moflock_mj.files import new_file
 from moflock_mj.mavlink.signing import SigningKey
-from moflock_mj.parameters.points import check_point
+from moflock_mj.parameters.points import find_policy, point_from_values
 from moflock_mj.preflight.results import CheckItem, CheckResult
 from moflock_mj.scenario.scenario import Scenario
 
@@ -78,6 +78,7 @@ class Report(BaseModel):
     signed_off_by: Annotated[str, Field(min_length=1, max_length=200)]
     version: str
     commit: str
+    policy: str
     point: dict[str, float]
     point_name: str
     scenario: dict[str, object]
@@ -86,25 +87,22 @@ class Report(BaseModel):
     items: tuple[CheckItem, ...]
     changes: tuple[str, ...] = ()
 
-    @field_validator("point")
-    @classmethod
-    def _is_a_point(cls, point: dict[str, float]) -> dict[str, float]:
-        if set(point) != set(VasarhelyiParams._fields):
-            raise ValueError("it must have the 12 parameters")
+    @model_validator(mode="after")
+    def _has_a_point(self) -> Self:
         try:
-            check_point([point[name] for name in VasarhelyiParams._fields])
+            self.params()
         except PointError as problem:
-            raise ValueError(str(problem)) from None
-        return point
+            raise ValueError(f"point: {problem}") from None
+        return self
 
     @property
     def verdict(self) -> CheckResult:
         """The worst of all items."""
         return CheckResult.worst(item.result for item in self.items)
 
-    def params(self) -> VasarhelyiParams:
+    def params(self) -> NamedTuple:
         """The point."""
-        return VasarhelyiParams(**self.point)
+        return point_from_values(find_policy(self.policy), self.point)
 
 
 def write_report(report: Report, path: Path, key: SigningKey | None = None) -> None:
@@ -157,7 +155,7 @@ def read_report(path: Path, key: SigningKey | None = None) -> Report:
 def refuse_unless_fit(
     report: Report,
     *,
-    params: VasarhelyiParams,
+    params: NamedTuple,
     scenario: Scenario,
     vehicles: Sequence[CheckedVehicle],
     now: datetime.datetime,
@@ -178,8 +176,11 @@ def refuse_unless_fit(
         CheckFailedError: it is of this deployment, and something failed.
     """
     if report.params() != params:
-        name = next(name for name in VasarhelyiParams._fields if report.point[name] != getattr(params, name))
-        raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {getattr(params, name):g}")
+        if report.policy != spec_of(params).name:
+            raise ReportError(f"report: of another policy: {report.policy}, not {spec_of(params).name}")
+        asked = values_of(params)
+        name = next(name for name, value in asked.items() if report.point[name] != value)
+        raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {asked[name]:g}")
     _refuse_other_scenario(report, scenario)
     if not report.vehicles:
         raise ReportError("report: without a live part: preflight must have seen the vehicles (--vehicles)")

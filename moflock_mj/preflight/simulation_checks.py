@@ -6,10 +6,10 @@ import concurrent.futures
 import os
 import threading
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.flight import fly
 from moflock_mj.preflight.results import FLOCK, CheckItem, CheckResult, check
@@ -22,7 +22,7 @@ FLIGHTS = 10
 
 
 def fly_trials(
-    params: VasarhelyiParams,
+    params: NamedTuple,
     scenario: Scenario,
     seeds: Sequence[int],
     *,

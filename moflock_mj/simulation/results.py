@@ -11,7 +11,6 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import RenderError
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness
@@ -101,7 +100,7 @@ class AnyFlight:
         log: where it is logged, or None.
     """
 
-    params: VasarhelyiParams
+    params: NamedTuple
     scenario: Scenario
     dynamics: str
     seed: int

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.policies.interface import Observation, SpeedLimits
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import spec_of
 from moflock_mj.dynamics.point_mass import LatePointMass, WindyPointMass, make_point_masses
 from moflock_mj.effects.fault_injection import FaultSchedule, make_fault_schedule
 from moflock_mj.effects.wind import Wind, make_wind
-from moflock_mj.errors import FlightError, LogError, ScenarioError
-from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, cluster_range
+from moflock_mj.errors import FlightError, LogError, PointError, ScenarioError
+from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges
 from moflock_mj.metrics.samples import SampleBuffer
+from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.scenario.schedule import Schedule
 from moflock_mj.sensing.gps import SensorModel, SensorState
@@ -38,12 +39,12 @@ class Simulation:
         MoflockError: the scenario cannot be flown with these dynamics.
     """
 
-    def __init__(self, params: VasarhelyiParams, scenario: Scenario, dynamics: str, seed: int) -> None:
+    def __init__(self, params: NamedTuple, scenario: Scenario, dynamics: str = "rigid_body", seed: int = 1) -> None:
         if dynamics not in DEFAULT_STEP:
             raise ScenarioError(f"dynamics: {dynamics!r} is unknown: it must be one of {', '.join(DEFAULT_STEP)}")
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise ScenarioError(f"seed: {seed!r} is out of bounds: it must be a whole number of at least 0")
-        self.params = params
+        self.params = params = check_point(params)
         self.arena = arena = SquareArena(scenario.arena_side)
         self.scenario = scenario
         self.dynamics = dynamics
@@ -77,7 +78,7 @@ class Simulation:
                 packet_loss=scenario.packet_loss_ratio / scenario.packet_loss_distance**2,
             ),
             faults=self.faults,
-            ranges=MetricRanges(cluster_range(params, scenario.v_flock), scenario.r_coll),
+            ranges=MetricRanges(spec_of(params).interaction_range(params, scenario.v_flock), scenario.r_coll),
         )
         kept = self.faults.kept if isinstance(self.faults, FaultSchedule) else 0
         self.memory = SimulationState(
@@ -104,7 +105,7 @@ class Simulation:
     def finished(self) -> bool:
         return self.interval >= self.components.schedule.intervals
 
-    def fly(self, seconds: float, *, whole_states: bool = False) -> SampleBuffer:
+    def run(self, seconds: float, *, whole_states: bool = False) -> SampleBuffer:
         """Fly on for `seconds` of simulated time (at least a beat), or to the flight's end if that is sooner.
 
         Args:
@@ -136,6 +137,23 @@ class Simulation:
         ticks = -(-(self.interval + intervals) // schedule.sense_every) - -(-self.interval // schedule.sense_every)
         steps = intervals * schedule.steps_per_interval
         return draw(self.streams, self.scenario, self.dynamics, ticks=ticks, intervals=intervals, steps=steps)
+
+    def set_parameters(self, params: NamedTuple) -> None:
+        """Fly on with other parameters of the same policy, from the next time that the drones decide.
+
+        Raises:
+            PointError: they are not valid, or of another policy.
+        """
+        params = check_point(params)
+        if type(params) is not type(self.params):
+            raise PointError(
+                f"policy: {spec_of(params).name!r} is another than the flight's, {spec_of(self.params).name!r}"
+            )
+        ranges = self.components.ranges._replace(
+            r_cluster=spec_of(params).interaction_range(params, self.scenario.v_flock)
+        )
+        self.params = params
+        self.components = self.components._replace(params=params, ranges=ranges)
 
     @property
     def touched_with(self) -> NDArray[np.int64] | None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
-from moflock_mj.parameters.points import named_point, point_names
+from controllers.policies.target_tracking import TargetTrackingParams
+from moflock_mj.parameters.points import load_point, point_names
 from moflock_mj.simulation.results import AnyFlight, kept_samples
 
 _DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses", "deployed": "deployed"}
@@ -28,8 +29,10 @@ def conditions(flight: AnyFlight) -> str:
     """What was flown, for how long, from which seed."""
     scenario, flown = flight.scenario, kept_samples(flight).t[-1]
     lasting = f"{flown:g} s" if flown >= scenario.duration - 1e-6 else f"{flown:g} of {scenario.duration:g} s"
-    place = getattr(flight.params, "target_x", None), getattr(flight.params, "target_y", None)
-    target = "" if place[0] is None else f", target at ({place[0]:g}, {place[1]:g}) m"
+    params = flight.params
+    target = (
+        f", target at ({params.target_x:g}, {params.target_y:g}) m" if isinstance(params, TargetTrackingParams) else ""
+    )
     return f"{flight.flock_name}, {scenario.arena_side:g} m arena{target}, {lasting}, seed {flight.seed}"
 
 
@@ -41,9 +44,10 @@ def figures(flight: AnyFlight) -> str:
     return f"F_1 = {flight.fitness.F_1:.3f}, F_2 = {flight.fitness.F_2:.3f}; {wrong}"
 
 
-def _point_name(params: VasarhelyiParams) -> str:
+def _point_name(params: NamedTuple) -> str:
     """A named point, or none of them."""
-    names = [name for name in point_names() if named_point(name) == params[:12]]
+    base = params.base if isinstance(params, TargetTrackingParams) else params
+    names = [name for name in point_names() if load_point(name) == base]
     return f"point {names[0]}" if names and len(names[0]) == 1 else names[0] if names else "own point"
 
 

@@ -18,7 +18,7 @@ from sklearn.decomposition import PCA
 from sklearn.preprocessing import StandardScaler
 
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.bounds import Bounds
+from moflock_mj.parameters.bounds import ParameterBounds
 from moflock_mj.scenario.scenario import Scenario
 from optimize.analysis.published_results import COVARIANCE, FIRST_COMPONENT
 from optimize.evaluation.batch import ProgressCallback, check_counts, evaluate_batch
@@ -88,7 +88,7 @@ def components_json(found: PrincipalComponents, objectives: Objectives) -> str:
 
 
 def random_points(
-    bounds: Bounds, count: int, rng: np.random.Generator, sampling: str = "uniform"
+    bounds: ParameterBounds, count: int, rng: np.random.Generator, sampling: str = "uniform"
 ) -> NDArray[np.float64]:
     """Random points inside the bounds.
 
@@ -117,7 +117,7 @@ def random_points(
 
 def study(
     executor: Evaluator,
-    bounds: Bounds,
+    bounds: ParameterBounds,
     *,
     points: int = 500,
     seed: int = 1,
@@ -143,7 +143,7 @@ def study(
     rng = np.random.default_rng(seed)
     chosen = random_points(bounds, points, rng, sampling)
     seeds = rng.integers(1, 2**31, (points, 1))
-    flown = evaluate_batch(executor, chosen, seeds.tolist(), told)
+    flown = evaluate_batch(executor, [bounds.params(point) for point in chosen], seeds.tolist(), told)
     if flown.failed.any():
         raise SearchError(f"points: {int(flown.failed.sum())} of {points} flights failed; must be none")
     fitness = flown.fitness[:, 0]

@@ -1,4 +1,4 @@
-"""How the six fitnesses depend on the 12 parameters, one at a time and by Sobol indices, and on the scenario."""
+"""How the six fitnesses depend on the parameters, one at a time and by Sobol indices, and on the scenario."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import values_of
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.bounds import Bounds
+from moflock_mj.parameters.bounds import ParameterBounds
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.simulation import Simulation
 from optimize.evaluation.batch import ProgressCallback, check_counts, evaluate_batch
@@ -19,20 +19,20 @@ from optimize.evaluation.interface import Evaluator
 from optimize.evaluation.objectives import FITNESS_NAMES
 
 SAMPLES = 64
-"""Base samples of the Sobol indices; each takes 14 points."""
+"""Base samples of the Sobol indices; each takes D + 2 points."""
 
 LEVELS = 9
 """Values of each parameter when it alone is changed."""
 
 
 class SobolIndices(NamedTuple):
-    """Of M fitnesses to the 12 parameters; NaN for a fitness that never varied.
+    """Of M fitnesses to the D parameters; NaN for a fitness that never varied.
 
     Attributes:
-        first: (M, 12), share of the variance that a parameter explains alone.
-        total: (M, 12), share that would be left if all but the parameter were known.
-        first_width: (M, 12), half width of the 95 % confidence interval, by bootstrap.
-        total_width: (M, 12).
+        first: (M, D), share of the variance that a parameter explains alone.
+        total: (M, D), share that would be left if all but the parameter were known.
+        first_width: (M, D), half width of the 95 % confidence interval, by bootstrap.
+        total_width: (M, D).
         points: how many were flown.
     """
 
@@ -61,8 +61,8 @@ class OneAtATime(NamedTuple):
     """Each parameter through its bounds, the others as in a point.
 
     Attributes:
-        values: (12, L), of each parameter, in its unit.
-        fitness: (12, L, S, 6).
+        values: (D, L), of each parameter, in its unit.
+        fitness: (D, L, S, 6).
     """
 
     values: NDArray[np.float64]
@@ -71,8 +71,8 @@ class OneAtATime(NamedTuple):
 
 def one_at_a_time(
     executor: Evaluator,
-    point: VasarhelyiParams,
-    bounds: Bounds,
+    point: NamedTuple,
+    bounds: ParameterBounds,
     *,
     seeds: tuple[int, ...],
     levels: int = LEVELS,
@@ -85,15 +85,26 @@ def one_at_a_time(
     """
     check_counts(levels=levels, seeds=len(seeds))
     values = np.linspace(bounds.lower, bounds.upper, levels).T
-    points = np.tile(np.array(point), (len(values), levels, 1))
+    base = list(values_of(point).values())
+    points = np.tile(base, (len(values), levels, 1))
     for number, row in enumerate(values):
         points[number, :, number] = row
-    flown = evaluate_batch(executor, points.reshape(-1, len(point)), [seeds] * (len(values) * levels), told)
+    flown = evaluate_batch(
+        executor,
+        [bounds.params(row) for row in points.reshape(-1, len(base))],
+        [seeds] * (len(values) * levels),
+        told,
+    )
     return OneAtATime(values, flown.fitness.reshape(len(values), levels, len(seeds), -1))
 
 
 def sobol_indices(
-    executor: Evaluator, bounds: Bounds, *, samples: int = SAMPLES, seed: int = 1, told: ProgressCallback | None = None
+    executor: Evaluator,
+    bounds: ParameterBounds,
+    *,
+    samples: int = SAMPLES,
+    seed: int = 1,
+    told: ProgressCallback | None = None,
 ) -> SobolIndices:
     """Fly Saltelli's design over the bounds, one flight per point, all on the same seed.
 
@@ -107,12 +118,12 @@ def sobol_indices(
     from SALib.sample import sobol as design  # noqa: PLC0415
 
     problem = {
-        "num_vars": len(VasarhelyiParams._fields),
-        "names": list(VasarhelyiParams._fields),
+        "num_vars": len(bounds.spec.names),
+        "names": list(bounds.spec.names),
         "bounds": list(zip(bounds.lower, bounds.upper, strict=True)),
     }
     points = design.sample(problem, samples, calc_second_order=False, seed=seed)
-    flown = evaluate_batch(executor, points, [(seed,)] * len(points), told)
+    flown = evaluate_batch(executor, [bounds.params(point) for point in points], [(seed,)] * len(points), told)
     return _analysed(problem, flown.fitness[:, 0, : len(FITNESS_NAMES)], seed)
 
 
@@ -146,7 +157,7 @@ def _analysed(problem: dict[str, Any], fitness: NDArray[np.float64], seed: int) 
 
 
 def swept_scenarios(
-    point: VasarhelyiParams, scenario: Scenario, field: str, values: Sequence[float], dynamics: str
+    point: NamedTuple, scenario: Scenario, field: str, values: Sequence[float], dynamics: str
 ) -> list[Scenario]:
     """The scenario with a field at each of the values, in which the point can be flown.
 
@@ -161,7 +172,7 @@ def swept_scenarios(
 
 def sweep(
     executor: Evaluator,
-    point: VasarhelyiParams,
+    point: NamedTuple,
     field: str,
     values: Sequence[float],
     *,
@@ -180,6 +191,5 @@ def sweep(
         seeds: of the flights.
         told: of progress.
     """
-    points = np.tile(np.array(point), (len(values), 1))
-    flown = evaluate_batch(executor, points, [seeds] * len(values), told, variants)
+    flown = evaluate_batch(executor, [point] * len(values), [seeds] * len(values), told, variants)
     return Sweep(field, np.array(values, np.float64), flown.fitness)

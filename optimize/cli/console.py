@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from controllers.policies.registry import values_of
 from moflock_mj.cli.console import stop_on_interrupt
 from optimize.evaluation.batch import ProgressCallback as FlightsTold
 from optimize.search.configuration import Configuration
@@ -160,7 +161,7 @@ def search_summary(result: SearchResult, configuration: Configuration, path: Pat
         **figures,
         "front": [
             {
-                "params": estimate.params._asdict(),
+                "params": values_of(estimate.params),
                 "mean": estimate.mean.tolist(),
                 "std_error": estimate.std_error.tolist(),
                 "flights": estimate.flights,

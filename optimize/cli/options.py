@@ -12,7 +12,7 @@ import typer
 from moflock_mj.errors import SearchError
 
 if TYPE_CHECKING:
-    from moflock_mj.parameters.bounds import Bounds
+    from moflock_mj.parameters.bounds import ParameterBounds
 
 
 Duration = Annotated[float | None, typer.Option(help="Simulated seconds of each flight.")]
@@ -53,11 +53,11 @@ def refuse_with_resume(given: Mapping[str, Any]) -> None:
             raise SearchError(f"resume: the run has its own {name}, which cannot be given again")
 
 
-def given_bounds(path: Path | None) -> Bounds:
+def given_bounds(path: Path | None) -> ParameterBounds:
     """The bounds of a file, or the paper's."""
-    from moflock_mj.parameters.bounds import load_bounds, paper_bounds
+    from moflock_mj.parameters.bounds import load_bounds, policy_bounds
 
-    return load_bounds(path) if path else paper_bounds()
+    return load_bounds(path) if path else policy_bounds()
 
 
 def numbers_of(name: str, text: str) -> list[float]:

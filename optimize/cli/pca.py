@@ -13,7 +13,7 @@ from moflock_mj.cli.options import AsJson, Drones, Dynamics, ScenarioFile, given
 from optimize.cli.options import CORES, BoundsFile, Duration, Scheduler, Workers, given_bounds
 
 if TYPE_CHECKING:
-    from moflock_mj.parameters.bounds import Bounds
+    from moflock_mj.parameters.bounds import ParameterBounds
     from moflock_mj.scenario.scenario import Scenario
     from optimize.analysis.pca import Agreement, PrincipalComponents
     from optimize.evaluation.objectives import Objectives
@@ -68,7 +68,7 @@ def pca(
     *,
     scenario: Scenario,
     dynamics: str,
-    bounds: Bounds,
+    bounds: ParameterBounds,
     points: int,
     seed: int,
     sampling: str,

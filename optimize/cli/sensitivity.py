@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from controllers.policies.vasarhelyi import VasarhelyiParams
-    from moflock_mj.parameters.bounds import Bounds
+    from moflock_mj.parameters.bounds import ParameterBounds
     from moflock_mj.scenario.scenario import Scenario
     from optimize.analysis.sensitivity import OneAtATime, SobolIndices, Sweep
     from optimize.reports.tables import Words
@@ -114,7 +113,7 @@ def sensitivity(
     *,
     scenario: Scenario,
     dynamics: str,
-    bounds: Bounds,
+    bounds: ParameterBounds,
     samples: int,
     levels: int,
     seeds: int,
@@ -130,6 +129,7 @@ def sensitivity(
     """
     from rich.console import Console
 
+    from controllers.policies.registry import spec_of, values_of
     from moflock_mj.files import new_file
     from moflock_mj.parameters.points import load_point
     from optimize.analysis.sensitivity import check_samples, one_at_a_time, sobol_indices
@@ -146,7 +146,13 @@ def sensitivity(
     check_counts(levels=levels, seeds=seeds)
     job = Job(scenario=search_scenario(scenario, dynamics), dynamics=dynamics)
     asked = {"samples": samples, "levels": levels, "seeds": seeds}
-    settings = {"point": params._asdict(), "dynamics": dynamics, "bounds": bounds.to_dict(), **asked}
+    settings = {
+        "policy": spec_of(params).name,
+        "point": values_of(params),
+        "dynamics": dynamics,
+        "bounds": bounds.to_dict(),
+        **asked,
+    }
     study = Study(verb="sensitivity", scenario=job.scenario, settings=settings)
     out = out or study.default_folder()
     with open_resumable(study, out, job, workers, scheduler) as flights:
@@ -162,8 +168,8 @@ def sensitivity(
         print(content, end="")
         return 0
     console = Console()
-    console.print(rich_table(_table("First order", indices.first, indices.first_width)))
-    console.print(rich_table(_table("Total", indices.total, indices.total_width)))
+    console.print(rich_table(_table("First order", list(values_of(params)), indices.first, indices.first_width)))
+    console.print(rich_table(_table("Total", list(values_of(params)), indices.total, indices.total_width)))
     console.print(f"figure and JSON: {out}", highlight=False, soft_wrap=True)
     return 0
 
@@ -187,6 +193,7 @@ def sweeps(
     """
     from rich.console import Console
 
+    from controllers.policies.registry import spec_of, values_of
     from moflock_mj.files import new_file
     from moflock_mj.parameters.points import load_point
     from optimize.analysis.sensitivity import sweep, swept_scenarios
@@ -205,7 +212,13 @@ def sweeps(
     scenarios = {name: swept_scenarios(params, scenario, name, values, dynamics) for name, values in fields.items()}
     variants = tuple(itertools.chain.from_iterable(scenarios.values()))
     job = Job(scenario=variants[0], dynamics=dynamics, variants=variants)
-    settings = {"point": params._asdict(), "dynamics": dynamics, "seeds": seeds, "sweeps": dict(fields)}
+    settings = {
+        "policy": spec_of(params).name,
+        "point": values_of(params),
+        "dynamics": dynamics,
+        "seeds": seeds,
+        "sweeps": dict(fields),
+    }
     study = Study(verb="sweep", scenario=scenario, settings=settings)
     out = out or study.default_folder()
     number = itertools.count()
@@ -251,21 +264,19 @@ def _means(found: Sweep) -> Words:
     return Words(found.field, (found.field, *(f"F_{name}" for name in FITNESS_NAMES)), rows)
 
 
-def _content(
-    point: str, params: VasarhelyiParams, indices: SobolIndices, along: OneAtATime, seeds: int
-) -> dict[str, Any]:
-    from controllers.policies.vasarhelyi import VasarhelyiParams
+def _content(point: str, params: NamedTuple, indices: SobolIndices, along: OneAtATime, seeds: int) -> dict[str, Any]:
+    from controllers.policies.registry import values_of
     from optimize.evaluation.batch import fresh_seeds
     from optimize.evaluation.objectives import FITNESS_NAMES
 
     arrays = {name: _lists(values) for name, values in indices._asdict().items() if name != "points"}
     return {
         "fitnesses": list(FITNESS_NAMES),
-        "parameters": list(VasarhelyiParams._fields),
+        "parameters": list(values_of(params)),
         "sobol": arrays | {"points": indices.points},
         "one_at_a_time": {
             "point": point,
-            "params": params._asdict(),
+            "params": values_of(params),
             "seeds": list(fresh_seeds(seeds)),
             "values": along.values.tolist(),
             "fitness": along.fitness.tolist(),
@@ -279,14 +290,13 @@ def _lists(values: NDArray[np.float64]) -> list[list[float | None]]:
     return [[value if np.isfinite(value) else None for value in row] for row in values.tolist()]
 
 
-def _table(title: str, values: NDArray[np.float64], widths: NDArray[np.float64]) -> Words:
+def _table(title: str, names: Sequence[str], values: NDArray[np.float64], widths: NDArray[np.float64]) -> Words:
     """Parameters down, fitnesses across."""
-    from controllers.policies.vasarhelyi import VasarhelyiParams
     from optimize.evaluation.objectives import FITNESS_NAMES
     from optimize.reports.tables import Words
 
     rows = [
         (name, *(f"{value:.2f} ± {width:.2f}" for value, width in zip(values[:, k], widths[:, k], strict=True)))
-        for k, name in enumerate(VasarhelyiParams._fields)
+        for k, name in enumerate(names)
     ]
     return Words(title, ("parameter", *(f"F_{name}" for name in FITNESS_NAMES)), rows)

@@ -22,39 +22,37 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.interface import PolicySpec
+from controllers.policies.registry import make_params, values_of
 from moflock_mj.errors import MoflockError, SearchError
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import Evaluation
 
-_COLUMNS = (
-    "number INTEGER PRIMARY KEY",
-    "generation INTEGER NOT NULL",
-    *(f"{name} REAL NOT NULL" for name in VasarhelyiParams._fields),
-    "seeds TEXT NOT NULL",  # JSON, [S]
-    "order_parameters TEXT NOT NULL",  # JSON, [S][6]
-    "fitness TEXT NOT NULL",  # JSON, [S][6 or 7]
-    "figures TEXT NOT NULL",  # JSON, [S][F]
-    "seconds REAL NOT NULL",
-    "worker TEXT NOT NULL",
-    "outcome TEXT NOT NULL",
-    "flown_at REAL NOT NULL",  # s since 1970
-    "checksum INTEGER NOT NULL",
-)
 
-
-_NAMES = tuple(column.split()[0] for column in _COLUMNS)
+def _columns(policy: PolicySpec) -> tuple[str, ...]:
+    """The columns of the table of evaluations."""
+    return (
+        "number INTEGER PRIMARY KEY",
+        "generation INTEGER NOT NULL",
+        *(f"{name} REAL NOT NULL" for name in policy.names),
+        "seeds TEXT NOT NULL",  # JSON, [S]
+        "order_parameters TEXT NOT NULL",  # JSON, [S][6]
+        "fitness TEXT NOT NULL",  # JSON, [S][6 or 7]
+        "figures TEXT NOT NULL",  # JSON, [S][F]
+        "seconds REAL NOT NULL",
+        "worker TEXT NOT NULL",
+        "outcome TEXT NOT NULL",
+        "flown_at REAL NOT NULL",  # s since 1970
+        "checksum INTEGER NOT NULL",
+    )
 
 
 Read = TypeVar("Read")
 """What is made of a directory's configuration."""
 
 
-_INSERT = f"INSERT OR REPLACE INTO evaluations VALUES ({','.join('?' * len(_NAMES))})"
-
-
 _SMALLEST_ROW = 100
-"""Bytes; the 12 parameters alone take nearly as many."""
+"""Bytes; the numbers and texts of an evaluation take more."""
 
 
 class Entry(NamedTuple):
@@ -76,6 +74,7 @@ class Archive:
 
     Args:
         path: the directory.
+        policy: the policy whose parameters are evaluated.
         database: the archive's file in it.
 
     Attributes:
@@ -83,8 +82,11 @@ class Archive:
         damaged: number of rows that could not be read when it was opened; who resumes flies them again.
     """
 
-    def __init__(self, path: Path, database: str = "archive.sqlite") -> None:
+    def __init__(self, path: Path, policy: PolicySpec, database: str = "archive.sqlite") -> None:
         self.path = path
+        self._policy = policy
+        self._names = tuple(column.split()[0] for column in _columns(policy))
+        self._insert = f"INSERT OR REPLACE INTO evaluations VALUES ({','.join('?' * len(self._names))})"
         self._database = path / database
         self.damaged = 0
         with _as_search_error(self._database):
@@ -106,7 +108,7 @@ class Archive:
             self._database.replace(self._database.with_suffix(".damaged"))
             self._connection = self._connect()
             with self._connection:
-                self._connection.executemany(_INSERT, rows)
+                self._connection.executemany(self._insert, rows)
         self.damaged = 0
 
     def append(self, evaluation: Evaluation, generation: int) -> None:
@@ -117,7 +119,7 @@ class Archive:
         """
         row = _row_of(Entry(generation, evaluation, time.time()))
         with _as_search_error(self._database), self._connection:
-            self._connection.execute(_INSERT, row)
+            self._connection.execute(self._insert, row)
 
     def entries(self) -> Iterator[Entry]:
         """The intact rows in the order of their numbers."""
@@ -172,7 +174,7 @@ class Archive:
             # The log is then synced when it is folded into the file: a killed program loses nothing, a power cut
             # at most the last rows, which are flown again.
             connection.execute("PRAGMA synchronous=NORMAL")
-            connection.execute(f"CREATE TABLE IF NOT EXISTS evaluations ({', '.join(_COLUMNS)})")
+            connection.execute(f"CREATE TABLE IF NOT EXISTS evaluations ({', '.join(_columns(self._policy))})")
             connection.commit()
         except BaseException:
             connection.close()
@@ -181,7 +183,7 @@ class Archive:
 
     def _rows(self) -> Iterator[tuple[Any, ...]]:
         """All rows that SQLite can still read, in the order of their numbers."""
-        select = f"SELECT {', '.join(_NAMES)} FROM evaluations"
+        select = f"SELECT {', '.join(self._names)} FROM evaluations"
         try:
             yield from self._connection.execute(f"{select} ORDER BY number").fetchall()
         except sqlite3.DatabaseError:
@@ -195,7 +197,7 @@ class Archive:
         return self._database.stat().st_size // _SMALLEST_ROW + 1
 
     def _intact(self) -> Iterator[Entry]:
-        return (entry for row in self._rows() if (entry := _entry_of(row)) is not None)
+        return (entry for row in self._rows() if (entry := _entry_of(row, self._policy)) is not None)
 
 
 def write_directory(path: Path, scenario: Scenario, configuration: str) -> None:
@@ -256,7 +258,7 @@ def _row_of(entry: Entry) -> tuple[Any, ...]:
     values = (
         evaluation.number,
         entry.generation,
-        *evaluation.params,
+        *values_of(evaluation.params).values(),
         json.dumps(evaluation.seeds),
         json.dumps(_without_nan(evaluation.order_parameters)),
         json.dumps(evaluation.fitness.tolist()),
@@ -269,16 +271,17 @@ def _row_of(entry: Entry) -> tuple[Any, ...]:
     return (*values, _checksum(values))
 
 
-def _entry_of(row: tuple[Any, ...]) -> Entry | None:
+def _entry_of(row: tuple[Any, ...], policy: PolicySpec) -> Entry | None:
     """A row's entry; None if the row is not as it was written."""
     *values, checksum = row
     if _checksum(values) != checksum:
         return None
-    number, generation, *point = values[:14]
-    seeds, order_parameters, fitness, figures, seconds, worker, outcome, flown_at = values[14:]
+    point_end = 2 + len(policy.parameters)
+    number, generation, *point = values[:point_end]
+    seeds, order_parameters, fitness, figures, seconds, worker, outcome, flown_at = values[point_end:]
     evaluation = Evaluation(
         number=number,
-        params=VasarhelyiParams(*point),
+        params=make_params(policy, point),
         seeds=tuple(json.loads(seeds)),
         order_parameters=np.array(json.loads(order_parameters), np.float64),  # null becomes NaN
         fitness=np.array(json.loads(fitness), np.float64),

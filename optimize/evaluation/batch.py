@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
 from optimize.evaluation.evaluation import OK, Evaluation, EvaluationTask
 from optimize.evaluation.interface import Evaluator
@@ -33,7 +32,7 @@ class FlownPoints(NamedTuple):
 
 def evaluate_batch(
     executor: Evaluator,
-    points: NDArray[np.float64],
+    points: Sequence[NamedTuple],
     seeds: Sequence[Sequence[int]],
     told: ProgressCallback | None = None,
     variants: Sequence[int] = (),
@@ -42,7 +41,7 @@ def evaluate_batch(
 
     Args:
         executor: flies; its answers may come in any order.
-        points: (n, 12).
+        points: n parameter sets, each in its policy's own type.
         seeds: (n, S), those of each point.
         told: of progress.
         variants: which of the job's variants each point flies; none for its own scenario.
@@ -53,7 +52,7 @@ def evaluate_batch(
     for number, seed in enumerate(seed for row in seeds for seed in row):
         point = number // shape[1]
         variant = variants[point] if variants else None
-        tasks.append(EvaluationTask(number, VasarhelyiParams(*map(float, points[point])), (int(seed),), variant))
+        tasks.append(EvaluationTask(number, points[point], (int(seed),), variant))
     flown: dict[int, Evaluation] = {}
     for evaluation in executor.evaluate(tasks):
         flown[evaluation.number] = evaluation

@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import DEFAULT_POLICY
 from moflock_mj.errors import PointError
 from moflock_mj.flight import fly
 from moflock_mj.metrics.tracking import MotionFigures
-from moflock_mj.parameters.points import check_point, paper_point
+from moflock_mj.parameters.bounds import policy_bounds
+from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.results import BodyFigures, Flight
 from optimize.evaluation.coverage import coverage
@@ -43,6 +44,7 @@ class Job:
     Attributes:
         scenario: what is flown.
         dynamics: "point_mass" or "rigid_body".
+        policy: name of the policy.
         coverage: whether fitness gets the coverage as a seventh column.
         timeout: s, bound of the wall time of one evaluation; None for none.
         variants: other scenarios that a task may ask for.
@@ -50,6 +52,7 @@ class Job:
 
     scenario: Scenario
     dynamics: str
+    policy: str = DEFAULT_POLICY
     coverage: bool = False
     timeout: float | None = None
     variants: tuple[Scenario, ...] = ()
@@ -70,7 +73,7 @@ class EvaluationTask(NamedTuple):
     """
 
     number: int
-    params: VasarhelyiParams
+    params: NamedTuple
     seeds: tuple[int, ...]
     variant: int | None = None
 
@@ -91,7 +94,7 @@ class Evaluation(NamedTuple):
     """
 
     number: int
-    params: VasarhelyiParams
+    params: NamedTuple
     seeds: tuple[int, ...]
     order_parameters: NDArray[np.float64]
     fitness: NDArray[np.float64]
@@ -155,7 +158,14 @@ def warm_up(job: Job) -> str:
         MoflockError: the scenario cannot be flown with these dynamics.
     """
     scenario = job.scenario.replace(duration=job.scenario.sample_period, warm_up=0.0)
-    fly(paper_point("B"), scenario=scenario, dynamics=job.dynamics, seed=0, keep_samples=False)
+    middle = policy_bounds(job.policy)
+    fly(
+        middle.params(middle.from_unit(np.full(len(middle.lower), 0.5))),
+        scenario=scenario,
+        dynamics=job.dynamics,
+        seed=0,
+        keep_samples=False,
+    )
     if job.coverage:
         coverage(np.zeros((1, 1, 3)), scenario.arena_side)
     return worker_name()
@@ -166,7 +176,7 @@ def worker_name() -> str:
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
-def _fly_in_time(job: Job, scenario: Scenario, params: VasarhelyiParams, seed: int, began: float) -> Flight:
+def _fly_in_time(job: Job, scenario: Scenario, params: NamedTuple, seed: int, began: float) -> Flight:
     def late() -> bool:
         return job.timeout is not None and time.perf_counter() - began > job.timeout
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from controllers.policies.registry import POLICIES
 from moflock_mj.errors import SearchError, StoppedError
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.archive import (
@@ -87,7 +88,7 @@ def open_resumable(
         with make_executor(job, workers, scheduler) as executor:
             if not known:  # workers first: what nobody can fly leaves no directory
                 write_directory(path, study.scenario, study.to_json())
-            with Archive(path) as archive, archive.locked():
+            with Archive(path, POLICIES[job.policy]) as archive, archive.locked():
                 archive.count_damaged()
                 archive.repair()
                 flights = ResumableEvaluator(executor, archive)

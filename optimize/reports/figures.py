@@ -15,9 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.files import new_file
-from moflock_mj.parameters.bounds import Bounds
+from moflock_mj.parameters.bounds import ParameterBounds
 from moflock_mj.visualization.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, STYLE
 from optimize.analysis.pca import PrincipalComponents
 from optimize.analysis.published_results import PAPER_RESULTS
@@ -25,7 +24,6 @@ from optimize.search.front import ReevaluatedFront
 
 DOTS_PER_INCH = 130
 
-UNITS = ("m", "1/s", "m", "m/s²", "1/s", "m/s", "", "m", "m/s", "m/s²", "1/s", "")
 """Of the 12 parameters."""
 
 
@@ -217,19 +215,19 @@ def components_figure(
     return figure
 
 
-def parameters_figure(front: ReevaluatedFront, bounds: Bounds) -> Figure:
+def parameters_figure(front: ReevaluatedFront, bounds: ParameterBounds) -> Figure:
     """Each parameter along the front; the vertical axes are the bounds of the search."""
     figure = new_figure(11.5, 6.6)
-    grid = figure.subplots(3, 4, sharex=True)
+    grid = figure.subplots(-(-len(bounds.lower) // 4), 4, sharex=True, squeeze=False)
     numbers = front.remaining
-    for index, (name, unit, axes) in enumerate(zip(VasarhelyiParams._fields, UNITS, grid.flat, strict=True)):
+    for index, (parameter, axes) in enumerate(zip(bounds.spec.parameters, grid.flat, strict=False)):
         axes.plot(front.mean[numbers, 0], front.points[numbers, index], "o", color=BLUE, ms=3.5)
         axes.plot(front.mean[front.knee, 0], front.points[front.knee, index], "D", color=RED, ms=6, label="knee")
         margin = 0.04 * (bounds.upper[index] - bounds.lower[index])
         axes.set_ylim(bounds.lower[index] - margin, bounds.upper[index] + margin)
         for bound in (bounds.lower[index], bounds.upper[index]):
             axes.axhline(bound, color=GREY, ls=(0, (5, 3)), lw=0.8)
-        axes.set_title(f"{name}, {unit}" if unit else name)
+        axes.set_title(parameter.label)
     for axes in grid[-1]:
         axes.set_xlabel(f"{front.objectives.names[0]}, mean")
     grid[0, 0].legend(loc="best")

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import POLICIES
 from moflock_mj.files import new_file
 from moflock_mj.visualization.figure_style import BLACK, GREEN, ORANGE, PINK, RED
 from optimize.analysis.pca import agreement
 from optimize.analysis.published_results import FIRST_COMPONENT, PAPER_RESULTS
 from optimize.evaluation.objectives import PAPER
 from optimize.reports.figures import (
-    UNITS,
     Landmark,
     components_figure,
     data_url,
@@ -206,20 +205,19 @@ class _Column(NamedTuple):
 def _results_section(found: Findings) -> str:
     """A table like the paper's of results: its points as printed and as flown here, and ours beside them."""
     front, names = found.front, found.front.objectives.names
-    papers = {name: _paper_columns(found, name) for name in PAPER_RESULTS}
+    papers = {name: _paper_columns(found, name) for name in PAPER_RESULTS if name in found.landmark_names}
     others = [name for name in found.landmark_names if name not in papers]
     columns = [
-        *papers["A"],
+        *papers.get("A", ()),
         _own_column(front, front.best(0), f"our best {names[0]}"),
-        *papers["B"],
+        *papers.get("B", ()),
         _own_column(front, front.best(-1), f"our best {names[-1]}"),
         *(_own_column(found.landmarks, found.landmark_names.index(name), _title(name)) for name in others),
         _own_column(front, front.knee, "our knee"),
     ]
     rows = [[name, *(column.objectives[row] for column in columns)] for row, name in enumerate(names)]
-    for index, (name, unit) in enumerate(zip(VasarhelyiParams._fields, UNITS, strict=True)):
-        label = f"{name}, {unit}" if unit else name
-        rows.append([label, *(f"{column.params[index]:.4g}" for column in columns)])
+    for index, parameter in enumerate(POLICIES[front.policy].parameters):
+        rows.append([parameter.label, *(f"{column.params[index]:.4g}" for column in columns)])
     text = (
         f"Mean ± standard deviation of {len(front.seeds)} flights, and the parameters. What the paper prints for A "
         "and B is beside the same points flown here."
@@ -254,7 +252,7 @@ def _front_section(front: ReevaluatedFront) -> str:
         ]
         for place, number in enumerate(front.remaining, start=1)
     ]
-    head = ["", *names, *VasarhelyiParams._fields]
+    head = ["", *names, *POLICIES[front.policy].names]
     return (
         "<h2>All points of the front</h2>\n<p>Mean on fresh seeds ± half the width of its 95 % confidence interval, "
         f"and the parameters.</p>\n{_table(head, rows)}"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.policies.registry import values_of
 from moflock_mj.files import new_file
 from optimize.analysis.statistics import half_width
 from optimize.evaluation.evaluation import FIGURE_NAMES
@@ -82,7 +83,7 @@ def to_json(validation: Validation, logs: Mapping[str, Path]) -> dict[str, Any]:
         points.append(
             {
                 "name": name,
-                "params": settings.points[name]._asdict(),
+                "params": values_of(settings.points[name]),
                 "verdict": verdict.name,
                 "reason": verdict.reason,
                 **{dynamics: _facts(validation, d, number) for d, dynamics in enumerate(DYNAMICS)},

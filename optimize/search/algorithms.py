@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from moflock_mj.errors import SearchError
 from optimize.search.gaussian_process import Prediction
 
-DIMENSIONS = 12
-
 Judge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Gives the objectives (n, K), to be maximised, of points (n, 12) that have flown, as they are judged by now."""
+"""Gives the objectives (n, K), to be maximised, of points (n, D) that have flown, as they are judged by now."""
 
 
 Predict = Callable[[NDArray[np.float64]], Prediction | None]
-"""Gives what is to be expected of points (n, 12) that have not flown; None while nothing can be."""
+"""Gives what is to be expected of points (n, D) that have not flown; None while nothing can be."""
 
 _HOPE = 1.0
 """Standard deviations by which a point that was bred may be better than expected when it is compared with others."""
@@ -33,7 +31,7 @@ class Algorithm(Protocol):
     """Breeds points."""
 
     def ask(self, predict: Predict) -> NDArray[np.float64]:
-        """New points (n, 12), in the unit cube unless it is unbounded.
+        """New points (n, D), in the unit cube unless it is unbounded.
 
         Args:
             predict: of points that it might ask for; may be used.
@@ -45,17 +43,18 @@ class Algorithm(Protocol):
 
         Args:
             judge: of these, and of all that were asked for before, whose judgement may have changed.
-            leaders: (m, 12), the best of all points so far; may be used.
+            leaders: (m, D), the best of all points so far; may be used.
         """
         ...
 
     def extra_candidates(self) -> NDArray[np.float64]:
-        """Points (m, 12) that it would like to be flown though it has not asked for them; mostly none."""
+        """Points (m, D) that it would like to be flown though it has not asked for them; mostly none."""
         ...
 
 
 def make_algorithm(
     name: str,
+    dimensions: int,
     objectives: int,
     population: int,
     seed: int,
@@ -69,20 +68,28 @@ def make_algorithm(
 
     Args:
         name: see above.
+        dimensions: D, parameters of a point.
         objectives: K.
         population: points per generation.
         seed: of its random numbers.
         offspring_per_slot: points that genetic algorithms breed for one that flies.
         first_brood: the same in the first generation, of which nothing is known unless it is screened.
         unbounded: whether it may leave the cube.
-        start: (m, 12), points that genetic algorithms begin with, besides random ones.
+        start: (m, D), points that genetic algorithms begin with, besides random ones.
     """
     if name == "cmaes":
-        return CovarianceAdaptation(population, seed, unbounded=unbounded)
+        return CovarianceAdaptation(dimensions, population, seed, unbounded=unbounded)
     if name == "pso":
-        return Swarm(objectives, population, seed)
+        return Swarm(dimensions, objectives, population, seed)
     return Evolution(
-        name, objectives, population, seed, offspring_per_slot=offspring_per_slot, first_brood=first_brood, start=start
+        name,
+        dimensions,
+        objectives,
+        population,
+        seed,
+        offspring_per_slot=offspring_per_slot,
+        first_brood=first_brood,
+        start=start,
     )
 
 
@@ -91,17 +98,19 @@ class Evolution:
 
     Args:
         name: "nsga2" (Deb et al. 2002) or "unsga3" (Seada and Deb 2016).
+        dimensions: D.
         objectives: K.
         population: points that survive, and that are flown, in a generation.
         seed: of its random numbers.
         offspring_per_slot: points that are bred for one that flies.
         first_brood: the same in the first generation.
-        start: (m, 12), points of the first generation, which random ones fill up.
+        start: (m, D), points of the first generation, which random ones fill up.
     """
 
     def __init__(
         self,
         name: str,
+        dimensions: int,
         objectives: int,
         population: int,
         seed: int,
@@ -115,10 +124,11 @@ class Evolution:
         from pymoo.operators.crossover.sbx import SBX  # noqa: PLC0415
         from pymoo.operators.mutation.pm import PM  # noqa: PLC0415
 
+        self._dimensions = dimensions
         kinds = {"nsga2": NSGA2, "unsga3": UNSGA3}
         more: dict[str, Any] = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
         if first_brood > 1 or start is not None:
-            first = np.random.default_rng(seed).random((first_brood * population, DIMENSIONS))
+            first = np.random.default_rng(seed).random((first_brood * population, dimensions))
             more["sampling"] = first if start is None else np.concatenate([start, first[len(start) :]])
         self._algorithm = kinds[name](
             pop_size=population,
@@ -129,7 +139,7 @@ class Evolution:
             seed=seed,
             **more,
         )
-        self._algorithm.setup(_cube(objectives))
+        self._algorithm.setup(_cube(dimensions, objectives))
         self._population = population
         self._offspring: Any = None
 
@@ -162,23 +172,25 @@ class Evolution:
 
     def extra_candidates(self) -> NDArray[np.float64]:
         """See `Algorithm`."""
-        return np.empty((0, DIMENSIONS))
+        return np.empty((0, self._dimensions))
 
 
 class Swarm:
     """pymoo's adaptive particle swarm (Kennedy and Eberhart 1995), for one objective.
 
     Args:
+        dimensions: D.
         objectives: must be 1.
         population: particles.
         seed: of its random numbers.
     """
 
-    def __init__(self, objectives: int, population: int, seed: int) -> None:
+    def __init__(self, dimensions: int, objectives: int, population: int, seed: int) -> None:
         from pymoo.algorithms.soo.nonconvex.pso import PSO  # noqa: PLC0415
 
+        self._dimensions = dimensions
         self._algorithm = PSO(pop_size=population, termination=_never(), seed=seed)
-        self._algorithm.setup(_cube(objectives))
+        self._algorithm.setup(_cube(dimensions, objectives))
         self._flown: Any = None
 
     def ask(self, predict: Predict) -> NDArray[np.float64]:  # noqa: ARG002
@@ -196,19 +208,20 @@ class Swarm:
 
     def extra_candidates(self) -> NDArray[np.float64]:
         """See `Algorithm`."""
-        return np.empty((0, DIMENSIONS))
+        return np.empty((0, self._dimensions))
 
 
 class CovarianceAdaptation:
     """pycma's CMA-ES (Hansen and Ostermeier 2001) from the cube's middle with sigma 0.3, for one objective.
 
     Args:
+        dimensions: D.
         population: points per generation.
         seed: of its random numbers.
         unbounded: whether it may leave the cube.
     """
 
-    def __init__(self, population: int, seed: int, *, unbounded: bool) -> None:
+    def __init__(self, dimensions: int, population: int, seed: int, *, unbounded: bool) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # matplotlib is optional to it, and is none of ours
             import cma  # noqa: PLC0415
@@ -223,7 +236,7 @@ class CovarianceAdaptation:
             "verbose": -9,
             "maxiter": np.inf,
         }
-        self._strategy = cma.CMAEvolutionStrategy(np.full(DIMENSIONS, 0.5), 0.3, options)
+        self._strategy = cma.CMAEvolutionStrategy(np.full(dimensions, 0.5), 0.3, options)
         self._points: list[NDArray[np.float64]] = []
 
     def ask(self, predict: Predict) -> NDArray[np.float64]:  # noqa: ARG002
@@ -262,10 +275,10 @@ def _even_directions(objectives: int, count: int) -> NDArray[np.float64]:
     return np.asarray(get_reference_directions("energy", objectives, count, seed=1))
 
 
-def _cube(objectives: int) -> Any:
+def _cube(dimensions: int, objectives: int) -> Any:
     from pymoo.core.problem import Problem  # noqa: PLC0415
 
-    return Problem(n_var=DIMENSIONS, n_obj=objectives, xl=0.0, xu=1.0)
+    return Problem(n_var=dimensions, n_obj=objectives, xl=0.0, xu=1.0)
 
 
 def _never() -> Any:

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.search.algorithms import DIMENSIONS, Algorithm
+from optimize.search.algorithms import Algorithm
 from optimize.search.estimates import hypervolume
 from optimize.search.gaussian_process import Flights, GaussianProcess, Prediction
 
@@ -32,7 +32,7 @@ class EvaluationBatch(NamedTuple):
     """What is to be flown next: each point on each seed.
 
     Attributes:
-        points: (n, 12), unit cube.
+        points: (n, D), unit cube.
         seeds: (n, S), those of each.
     """
 
@@ -76,6 +76,7 @@ class BudgetAllocator:
         algorithm: breeds points.
         policy: what is done about noise.
         population: points that it breeds at a time.
+        dimensions: D, parameters of a point.
         objectives: K.
         seeds: flights per point and generation, S.
         budget: flights.
@@ -89,6 +90,7 @@ class BudgetAllocator:
         policy: NoisePolicy,
         *,
         population: int,
+        dimensions: int,
         objectives: int,
         seeds: int,
         budget: int,
@@ -102,12 +104,12 @@ class BudgetAllocator:
         self._rng = rng
         self._flights = seeds
         self._seeds = _draw_seeds(rng, seeds)
-        self._asked = EvaluationBatch(np.empty((0, DIMENSIONS)), ())
+        self._asked = EvaluationBatch(np.empty((0, dimensions)), ())
         self._breeding = True
         self._population = population
         self._screen_rng = screen_rng
-        self._screened = EvaluationHistory(objectives)
-        self._memory = EvaluationHistory(objectives, self._screened)
+        self._screened = EvaluationHistory(dimensions, objectives)
+        self._memory = EvaluationHistory(dimensions, objectives, self._screened)
 
     def ask(self, screen: Screen | None = None) -> EvaluationBatch | None:
         """What to fly next; None when the budget does not allow more.
@@ -179,6 +181,7 @@ class EvaluationHistory:
     """All points that flew, sums over their flights, and what is believed of them.
 
     Args:
+        dimensions: D, parameters of a point.
         objectives: K.
         low_fidelity: of flights on a cheaper model, which help to tell what to expect.
 
@@ -186,16 +189,17 @@ class EvaluationHistory:
         believed: (n, K), objectives, in the order in which the points first flew.
     """
 
-    def __init__(self, objectives: int, low_fidelity: EvaluationHistory | None = None) -> None:
+    def __init__(self, dimensions: int, objectives: int, low_fidelity: EvaluationHistory | None = None) -> None:
+        self._dimensions = dimensions
         self._low_fidelity = low_fidelity
         self._row: dict[bytes, int] = {}
         none = np.empty((0, objectives))
-        self._flights = Flights(np.empty((0, DIMENSIONS)), np.empty(0), none, none)
+        self._flights = Flights(np.empty((0, dimensions)), np.empty(0), none, none)
         self._process: GaussianProcess | None = None
         self.believed = np.empty((0, objectives))
 
     def add(self, points: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-        """Remember flights: points (n, 12) and their values (n, S, K)."""
+        """Remember flights: points (n, D) and their values (n, S, K)."""
         new = self.unknown(points)
         self._row.update((point.tobytes(), len(self._row)) for point in new)
         room = np.zeros((len(new), values.shape[2]))
@@ -215,7 +219,7 @@ class EvaluationHistory:
             self.believed = self._process.mean()
 
     def predict(self, points: NDArray[np.float64]) -> Prediction | None:
-        """What is to be expected of points (m, 12) that have not flown; None while nothing is known of the noise.
+        """What is to be expected of points (m, D) that have not flown; None while nothing is known of the noise.
 
         Until then the cheaper model's word is taken, which these points have flown on, if there is one.
         """
@@ -227,12 +231,12 @@ class EvaluationHistory:
         return Prediction(mean, np.zeros_like(mean))
 
     def unknown(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Those of the points (n, 12) that have not flown, each once."""
+        """Those of the points (n, D) that have not flown, each once."""
         new = {point.tobytes(): point for point in points if point.tobytes() not in self._row}
-        return np.array(list(new.values())).reshape(-1, DIMENSIONS)
+        return np.array(list(new.values())).reshape(-1, self._dimensions)
 
     def judge(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What is believed of points (n, 12) that flew: (n, K)."""
+        """What is believed of points (n, D) that flew: (n, K)."""
         return self.believed[self._rows(points)]
 
     def leaders(self, count: int) -> NDArray[np.float64]:
@@ -241,7 +245,7 @@ class EvaluationHistory:
 
         count = min(count, len(self._row))
         if not count:
-            return np.empty((0, DIMENSIONS))
+            return np.empty((0, self._dimensions))
         chosen: list[int] = []
         for front in NonDominatedSorting().do(-self.believed, n_stop_if_ranked=count):
             least_flown = front[np.argsort(self._flights.number[front], kind="stable")]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.policies.registry import DEFAULT_POLICY, values_of
 from moflock_mj.errors import PointError, ScenarioError, SearchError
 from moflock_mj.fields import check_fields, check_keys, quantity
-from moflock_mj.parameters.bounds import Bounds, bounds_of, paper_bounds
-from moflock_mj.parameters.points import check_point
+from moflock_mj.parameters.bounds import ParameterBounds, bounds_of, policy_bounds
+from moflock_mj.parameters.points import find_policy, point_from
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.archive import installed_versions
 from optimize.evaluation.evaluation import Job, search_scenario
@@ -82,10 +85,10 @@ class Configuration:
     """
 
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
-    bounds: Bounds = dataclasses.field(default_factory=paper_bounds)
+    bounds: ParameterBounds = dataclasses.field(default_factory=policy_bounds)
     objectives: Objectives = PAPER
     settings: SearchConfig = dataclasses.field(default_factory=SearchConfig)
-    start: tuple[VasarhelyiParams, ...] = ()
+    start: tuple[NamedTuple, ...] = ()
     versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
 
     def __post_init__(self) -> None:
@@ -109,6 +112,7 @@ class Configuration:
         return Job(
             scenario=self.scenario,
             dynamics=self.settings.dynamics,
+            policy=self.bounds.policy,
             coverage=self.objectives.coverage,
             timeout=self.settings.timeout,
         )
@@ -126,6 +130,12 @@ class Configuration:
         """The objectives as its algorithm sees them."""
         return self.objectives.single() if self.settings.algorithm in SINGLE_OBJECTIVE else self.objectives
 
+    def start_units(self) -> NDArray[np.float64] | None:
+        """The points of the first generation (m, D) in the unit cube; None if there are none."""
+        if not self.start:
+            return None
+        return self.bounds.to_unit([list(values_of(point).values()) for point in self.start])
+
     def replace(self, **changes: Any) -> Configuration:
         """A configuration that differs in the named fields."""
         return dataclasses.replace(self, **changes)
@@ -133,9 +143,10 @@ class Configuration:
     def to_json(self) -> str:
         """All but the scenario, which is a TOML file of its own that `moflock fly` takes too."""
         content: dict[str, Any] = {"settings": dataclasses.asdict(self.settings)}
+        content["policy"] = self.bounds.policy
         content["bounds"] = self.bounds.to_dict()
         content["objectives"] = dict(zip(self.objectives.names, map(list, self.objectives.groups), strict=True))
-        content["start"] = self.start
+        content["start"] = [list(values_of(point).values()) for point in self.start]
         content["versions"] = dict(self.versions)
         return json.dumps(content, indent=1) + "\n"
 
@@ -156,25 +167,33 @@ class Configuration:
         if not isinstance(content, Mapping):
             raise SearchError("configuration: it must be an object")
         parts = ("settings", "bounds", "objectives", "versions")
-        check_keys(content, (*parts, "start"), SearchError)
+        check_keys(content, (*parts, "policy", "start"), SearchError)
         for name in parts:
             if not isinstance(content.get(name), Mapping):
                 raise SearchError(f"configuration: {name}: it must be an object")
         check_keys(content["settings"], [field.name for field in dataclasses.fields(SearchConfig)], SearchError)
+        bounds = bounds_of(content["bounds"], _policy_of(content.get("policy", DEFAULT_POLICY)))
         return cls(
             scenario=flown,
-            bounds=bounds_of(content["bounds"]),
+            bounds=bounds,
             objectives=Objectives.from_json(json.dumps({"objectives": content["objectives"]})),
             settings=SearchConfig(**content["settings"]),
-            start=_points_of(content.get("start", [])),
+            start=_points_of(content.get("start", []), bounds),
             versions=content["versions"],
         )
 
 
-def _points_of(rows: Any) -> tuple[VasarhelyiParams, ...]:
-    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise SearchError("configuration: start: it must be a list of points, each a list of 12 numbers")
+def _policy_of(name: Any) -> str:
     try:
-        return tuple(check_point(row) for row in rows)
+        return find_policy(name).name
+    except PointError as problem:
+        raise SearchError(f"configuration: {problem}") from None
+
+
+def _points_of(rows: Any, bounds: ParameterBounds) -> tuple[NamedTuple, ...]:
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise SearchError("configuration: start: it must be a list of points, each a list of numbers")
+    try:
+        return tuple(point_from(bounds.spec, row) for row in rows)
     except PointError as problem:
         raise SearchError(f"configuration: start: {problem}") from None

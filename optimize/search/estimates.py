@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import values_of
 from optimize.evaluation.evaluation import Evaluation
 from optimize.evaluation.objectives import Objectives
 from optimize.search.gaussian_process import Flights, GaussianProcess
@@ -28,7 +28,7 @@ class Estimate(NamedTuple):
         flights: how many it flew.
     """
 
-    params: VasarhelyiParams
+    params: NamedTuple
     mean: NDArray[np.float64]
     std_error: NDArray[np.float64]
     flights: int
@@ -36,13 +36,13 @@ class Estimate(NamedTuple):
 
 def estimates(evaluations: Iterable[Evaluation], objectives: Objectives) -> list[Estimate]:
     """One estimate per point, in the order in which the points first flew."""
-    flights: dict[VasarhelyiParams, list[NDArray[np.float64]]] = {}
+    flights: dict[NamedTuple, list[NDArray[np.float64]]] = {}
     for evaluation in evaluations:
         flights.setdefault(evaluation.params, []).extend(objectives.of_columns(evaluation.fitness))
     if not flights:
         return []
     flown = Flights(
-        points=np.array(list(flights)),
+        points=np.array([list(values_of(params).values()) for params in flights]),
         number=np.array([len(rows) for rows in flights.values()], np.float64),
         total=np.array([np.sum(rows, axis=0) for rows in flights.values()]),
         squares=np.array([np.sum(np.square(rows), axis=0) for rows in flights.values()]),

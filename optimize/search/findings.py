@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import DEFAULT_POLICY, values_of
 from moflock_mj.errors import SearchError
 from moflock_mj.files import new_file
 from moflock_mj.flight import fly
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.points import load_point
 from moflock_mj.simulation.results import Flight
 from optimize.analysis.pca import PrincipalComponents, load_components, principal_components
 from optimize.evaluation.archive import Entry
@@ -61,7 +61,7 @@ class Findings:
         generations: {generation from 1: (n, K)}, the last even fronts as the archive believed them.
         volumes: {name of a run: its growth}.
         components: of the fitnesses of random points; None if they were not analysed.
-        parameters: components of the 12 parameters along the front; None for a front of fewer than three points.
+        parameters: components of the parameters along the front; None for a front of fewer than three points.
         statistics: flights of the points that are best in the first and in the last objective, with samples.
     """
 
@@ -107,6 +107,7 @@ def flown_front(
         objectives=configuration.objectives,
         scenario=configuration.scenario,
         dynamics=settings.dynamics,
+        policy=configuration.bounds.policy,
         seeds=fresh_seeds(SEEDS if seeds is None else seeds, used),
         origin={"algorithm": settings.algorithm, "search_seed": settings.seed, "search_flights": settings.budget},
         told=told,
@@ -142,7 +143,7 @@ def gather(
             raise SearchError(f"run directory {other.path}: it must be of the scenario and dynamics of {run.path}")
     front = flown_front(run, executor, seeds, told)
     entries = list(run.entries())
-    points = {name: paper_point(name) for name in _PAPER_POINTS} | best_singles((run, *compared))
+    points = _paper_points(configuration) | best_singles((run, *compared))
     components = run.path / COMPONENTS
     return Findings(
         name=run.path.name,
@@ -159,16 +160,16 @@ def gather(
     )
 
 
-def best_singles(runs: Collection[RunDirectory]) -> dict[str, VasarhelyiParams]:
+def best_singles(runs: Collection[RunDirectory]) -> dict[str, NamedTuple]:
     """The best point of each run with a single objective, by the name of its algorithm."""
-    found: dict[str, VasarhelyiParams] = {}
+    found: dict[str, NamedTuple] = {}
     for run in runs:
         settings = run.configuration.settings
         if settings.algorithm in SINGLE_OBJECTIVE:
             best = candidates(run.evaluations(), run.configuration.maximised, 1)
             name = f"{settings.algorithm}, unbounded" if settings.unbounded else settings.algorithm
             if len(best):
-                found[name] = VasarhelyiParams(*map(float, best[0]))
+                found[name] = run.configuration.bounds.params(best[0])
     return found
 
 
@@ -200,15 +201,20 @@ def _believed(entries: list[Entry], objectives: Objectives, generations: int) ->
     return values[non_dominated(values)]
 
 
+def _paper_points(configuration: Configuration) -> dict[str, NamedTuple]:
+    """The paper's points; none for another policy than the paper's."""
+    return {name: load_point(name) for name in _PAPER_POINTS} if configuration.bounds.policy == DEFAULT_POLICY else {}
+
+
 def _landmarks(
     path: Path,
-    points: dict[str, VasarhelyiParams],
+    points: dict[str, NamedTuple],
     front: ReevaluatedFront,
     executor: Executor,
     told: ProgressCallback | None,
 ) -> ReevaluatedFront:
     """Points flown as the front was: read, if the file has just these on these seeds, else flown and written."""
-    wanted = np.array(list(points.values()), np.float64)
+    wanted = np.array([list(values_of(params).values()) for params in points.values()], np.float64)
     if path.exists():
         known = load_front(path)
         if known.seeds == front.seeds and np.array_equal(known.points, wanted):
@@ -219,6 +225,7 @@ def _landmarks(
         objectives=front.objectives,
         scenario=front.scenario,
         dynamics=front.dynamics,
+        policy=front.policy,
         seeds=front.seeds,
         told=told,
     )
@@ -228,12 +235,11 @@ def _landmarks(
 
 def _parameter_components(front: ReevaluatedFront, configuration: Configuration) -> PrincipalComponents | None:
     points = configuration.bounds.to_unit(front.points[front.remaining])
-    return principal_components(points, VasarhelyiParams._fields) if len(points) > 2 else None
+    return principal_components(points, configuration.bounds.spec.names) if len(points) > 2 else None
 
 
 def _fly(front: ReevaluatedFront, number: int) -> Flight:
-    params = VasarhelyiParams(*front.points[number].tolist())
-    return fly(params, scenario=front.scenario, dynamics=front.dynamics, seed=front.seeds[0])
+    return fly(front.params(number), scenario=front.scenario, dynamics=front.dynamics, seed=front.seeds[0])
 
 
 def _run_name(run: RunDirectory) -> str:

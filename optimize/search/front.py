@@ -10,13 +10,14 @@ import functools
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
-from moflock_mj.errors import SearchError
+from controllers.policies.registry import POLICIES, make_params, values_of
+from moflock_mj.errors import PointError, SearchError
+from moflock_mj.parameters.points import find_policy
 from moflock_mj.scenario.scenario import Scenario
 from optimize.analysis.statistics import half_width
 from optimize.evaluation.batch import ProgressCallback, evaluate_batch
@@ -37,8 +38,9 @@ class ReevaluatedFront:
         objectives: what was maximised; K of them.
         scenario: what was flown.
         dynamics: "point_mass" or "rigid_body".
+        policy: name of the policy.
         seeds: (S,), not used by the search, the same for all points.
-        points: (n, 12).
+        points: (n, D).
         fitness: (n, S, 6), or (n, S, 7) with coverage.
         failed: (n,), flights that failed and count as 0.
         origin: where the points are from, in words and numbers, for the provenance of a chosen one.
@@ -47,11 +49,16 @@ class ReevaluatedFront:
     objectives: Objectives
     scenario: Scenario
     dynamics: str
+    policy: str
     seeds: tuple[int, ...]
     points: NDArray[np.float64]
     fitness: NDArray[np.float64]
     failed: NDArray[np.int64]
     origin: dict[str, Any]
+
+    def params(self, number: int) -> NamedTuple:
+        """A point in its policy's own type."""
+        return make_params(POLICIES[self.policy], self.points[number].tolist())
 
     @functools.cached_property
     def values(self) -> NDArray[np.float64]:
@@ -99,6 +106,7 @@ class ReevaluatedFront:
             "objectives": json.loads(self.objectives.to_json()),
             "scenario": self.scenario.to_dict(),
             "dynamics": self.dynamics,
+            "policy": self.policy,
             "seeds": self.seeds,
             "points": self.points.tolist(),
             "fitness": self.fitness.tolist(),
@@ -109,13 +117,13 @@ class ReevaluatedFront:
 
 
 def candidates(evaluations: Sequence[Evaluation], objectives: Objectives, most: int = 50) -> NDArray[np.float64]:
-    """The points of a search that deserve to be flown again: (n, 12), at most `most`, front by front.
+    """The points of a search that deserve to be flown again: (n, D), at most `most`, front by front.
 
     A point is ranked by its estimated mean less that mean's standard error: of many that flew once the luckiest lead.
     """
     known = estimates((flown for flown in evaluations if flown.outcome == OK), objectives)
     if not known:
-        return np.empty((0, len(VasarhelyiParams._fields)))
+        return np.empty((0, 0))
     ranked = np.array([estimate.mean - CAUTION * estimate.std_error for estimate in known])
     left = np.arange(len(known))
     chosen: list[int] = []
@@ -127,7 +135,7 @@ def candidates(evaluations: Sequence[Evaluation], objectives: Objectives, most: 
             front = front[np.linspace(0, front.size - 1, room).round().astype(int)]
         chosen += front.tolist()
         left = left[~leading]
-    return np.array([known[number].params for number in chosen], np.float64)
+    return np.array([list(values_of(known[number].params).values()) for number in chosen], np.float64)
 
 
 def fly_front(
@@ -137,6 +145,7 @@ def fly_front(
     objectives: Objectives,
     scenario: Scenario,
     dynamics: str,
+    policy: str,
     seeds: Sequence[int],
     origin: dict[str, Any] | None = None,
     told: ProgressCallback | None = None,
@@ -144,11 +153,12 @@ def fly_front(
     """Fly points on fresh seeds, the same for all.
 
     Args:
-        points: (n, 12).
+        points: (n, D).
         executor: flies, in this scenario and with these dynamics.
         objectives: what was maximised.
         scenario: what is flown.
         dynamics: how.
+        policy: name of the points' policy.
         seeds: for each point; that the search did not use them is up to the caller.
         origin: see `ReevaluatedFront`.
         told: of progress.
@@ -160,11 +170,13 @@ def fly_front(
         raise SearchError("front: it has no points; it must have at least 1")
     if len(seeds) < 2:
         raise SearchError(f"seeds: {len(seeds)} are too few: it must be at least 2")
-    flown = evaluate_batch(executor, points, [seeds] * len(points), told)
+    params = [make_params(POLICIES[policy], point) for point in np.asarray(points).tolist()]
+    flown = evaluate_batch(executor, params, [seeds] * len(points), told)
     return ReevaluatedFront(
         objectives=objectives,
         scenario=scenario,
         dynamics=dynamics,
+        policy=policy,
         seeds=tuple(seeds),
         points=np.asarray(points, np.float64),
         fitness=flown.fitness,
@@ -185,6 +197,7 @@ def load_front(path: str | Path) -> ReevaluatedFront:
             objectives=Objectives.from_json(json.dumps(content["objectives"])),
             scenario=Scenario.from_dict(content["scenario"]),
             dynamics=content["dynamics"],
+            policy=find_policy(content["policy"]).name,
             seeds=tuple(content["seeds"]),
             points=np.array(content["points"], np.float64),
             fitness=np.array(content["fitness"], np.float64),
@@ -193,7 +206,7 @@ def load_front(path: str | Path) -> ReevaluatedFront:
         )
     except OSError as problem:
         raise SearchError(f"front {path}: {problem.strerror}") from None
-    except (ValueError, KeyError, TypeError) as problem:
+    except (ValueError, KeyError, TypeError, PointError) as problem:
         raise SearchError(f"front {path}: not a front: {problem}") from None
 
 
@@ -265,7 +278,8 @@ def point_json(front: ReevaluatedFront, number: int, *, rule: str) -> str:
     fitness = zip(columns, front.fitness[number].mean(axis=0), strict=True)
     half_width = dict(zip(front.objectives.names, front.half_width[number].tolist(), strict=True))
     content = {
-        "params": VasarhelyiParams(*front.points[number].tolist())._asdict(),
+        "policy": front.policy,
+        "params": values_of(front.params(number)),
         "provenance": {
             "chosen_as": rule,
             "objectives": {name: {"mean": float(m), "std": float(s)} for name, m, s in values},

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import PointError, SearchError
 from moflock_mj.parameters.points import check_point, load_point, point_names
 from optimize.search.findings import FRONT
@@ -13,7 +13,7 @@ from optimize.search.front import load_front
 from optimize.search.run_directory import RunDirectory
 
 
-def read_points(asked: Sequence[str]) -> tuple[dict[str, VasarhelyiParams], set[int]]:
+def read_points(asked: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
     """Points by name, and the seeds that searches behind them have used.
 
     Args:
@@ -22,7 +22,7 @@ def read_points(asked: Sequence[str]) -> tuple[dict[str, VasarhelyiParams], set[
     Raises:
         MoflockError: there is no such point or directory, or two of the same name.
     """
-    points: dict[str, VasarhelyiParams] = {}
+    points: dict[str, NamedTuple] = {}
     used: set[int] = set()
     for name in asked:
         path = Path(name)
@@ -41,7 +41,7 @@ def read_points(asked: Sequence[str]) -> tuple[dict[str, VasarhelyiParams], set[
     return points, used
 
 
-def _front_points(path: Path) -> tuple[dict[str, VasarhelyiParams], set[int]]:
+def _front_points(path: Path) -> tuple[dict[str, NamedTuple], set[int]]:
     """The remaining points of a search's flown front, and the seeds that it and the search flew."""
     with RunDirectory.open(path) as run:
         used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
@@ -50,7 +50,6 @@ def _front_points(path: Path) -> tuple[dict[str, VasarhelyiParams], set[int]]:
     front = load_front(path / FRONT)
     used |= set(front.seeds)
     points = {
-        f"{path.resolve().name}-{number}": check_point(front.points[number].tolist())
-        for number in front.remaining.tolist()
+        f"{path.resolve().name}-{number}": check_point(front.params(number)) for number in front.remaining.tolist()
     }
     return points, used

@@ -17,9 +17,11 @@ class RunDirectory(Archive):
     """
 
     def __init__(self, path: Path, configuration: Configuration) -> None:
-        super().__init__(path)
+        super().__init__(path, configuration.bounds.spec)
         self.configuration = configuration
-        self.screening = Archive(path, "screening.sqlite") if configuration.settings.screen else None
+        self.screening = (
+            Archive(path, configuration.bounds.spec, "screening.sqlite") if configuration.settings.screen else None
+        )
 
     def repair(self) -> None:
         """See `Archive`; both."""

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
 from optimize.evaluation.archive import Archive, installed_versions
 from optimize.evaluation.evaluation import OK, Evaluation, EvaluationTask
@@ -123,21 +122,23 @@ def make_plan(configuration: Configuration) -> BudgetAllocator:
     """How the configured search spends its flights; the same each time."""
     settings = configuration.settings
     flight_seeds, algorithm_seed, screen_seeds = np.random.SeedSequence(settings.seed).spawn(3)
-    objectives = len(configuration.maximised.names)
+    objectives, dimensions = len(configuration.maximised.names), len(configuration.bounds.spec.parameters)
     policy = noise_policy(settings.noise, settings.population)
     return BudgetAllocator(
         make_algorithm(
             settings.algorithm,
+            dimensions,
             objectives,
             settings.population,
             int(algorithm_seed.generate_state(1)[0]),
             offspring_per_slot=policy.offspring_per_slot,
             first_brood=policy.offspring_per_slot if settings.screen else 1,
             unbounded=settings.unbounded,
-            start=configuration.bounds.to_unit(configuration.start) if configuration.start else None,
+            start=configuration.start_units(),
         ),
         policy,
         population=settings.population,
+        dimensions=dimensions,
         objectives=objectives,
         seeds=settings.seeds,
         budget=settings.budget,
@@ -207,7 +208,10 @@ class _Session:
         first = len(flown.evaluations)
         points = self._run.configuration.bounds.from_unit(trials.points)
         pairs = zip(points.tolist(), trials.seeds, strict=True)
-        tasks = [EvaluationTask(first + i, VasarhelyiParams(*point), seeds) for i, (point, seeds) in enumerate(pairs)]
+        tasks = [
+            EvaluationTask(first + i, self._run.configuration.bounds.params(point), seeds)
+            for i, (point, seeds) in enumerate(pairs)
+        ]
         for _ in flown.fly(tasks, self._generation, self._run.configuration):
             if self._progress:
                 self._progress(self._how_far())

@@ -11,12 +11,10 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from moflock_mj.analysis.target_tracking import TargetResult, track_target
 from moflock_mj.files import new_file
 from moflock_mj.flight import fly
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.points import load_point
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.visualization.flight_figure import save_flight_figure
 from optimize.analysis.pca import Agreement, agreement, components_json, grouped_by_sign, study
@@ -157,7 +155,7 @@ def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort
                 (params,) = best_singles([run]).values()
                 used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
             seeds = fresh_seeds(effort.fresh, used)
-            flown = evaluate_batch(executor, np.array([params]), [seeds], told)
+            flown = evaluate_batch(executor, [params], [seeds], told)
             found[name] = Single(params, flown.fitness[0], seeds[0])
     return found
 
@@ -189,7 +187,7 @@ def _tracked(name: str, scenario: Scenario, flights: int) -> list[TargetResult]:
     """A paper's point around a target in a corner of the arena, its extreme case, flight by flight."""
     corner = (scenario.arena_side / 2, scenario.arena_side / 2)
     return [
-        track_target(paper_point(name), target=corner, scenario=scenario, seed=seed) for seed in range(1, flights + 1)
+        track_target(load_point(name), target=corner, scenario=scenario, seed=seed) for seed in range(1, flights + 1)
     ]
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.analysis.target_tracking import TargetResult
 from optimize.analysis.pca import Agreement
 from optimize.analysis.published_results import COVARIANCE, FIRST_COMPONENT, PAPER_RESULTS
@@ -32,7 +31,7 @@ class Single(NamedTuple):
         seed: the first of the seeds.
     """
 
-    params: VasarhelyiParams
+    params: NamedTuple
     fitness: NDArray[np.float64]
     seed: int
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import DEFAULT_POLICY, POLICIES, make_params
 from moflock_mj.analysis.identification import calibrated
 from moflock_mj.errors import SearchError
 from moflock_mj.files import new_file
@@ -152,7 +152,7 @@ def _searched(
     settings = SearchConfig(
         dynamics="rigid_body", screen=kind != PLAIN, seed=seed, budget=effort.flights, population=effort.population
     )
-    first = tuple(VasarhelyiParams(*point) for point in start.tolist()) if kind == REFINED else ()
+    first = tuple(make_params(POLICIES[DEFAULT_POLICY], point) for point in start.tolist()) if kind == REFINED else ()
     configuration = Configuration(scenario=scenario, settings=settings, start=first)
     with contextlib.ExitStack() as resources:
         known = (path / "configuration.json").exists()
@@ -187,6 +187,7 @@ def _flown(
             objectives=PAPER,
             scenario=scenario,
             dynamics="rigid_body",
+            policy=DEFAULT_POLICY,
             seeds=seeds,
             told=told,
         )

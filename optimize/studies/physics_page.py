@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import POLICIES
 from moflock_mj.scenario.effect_configs import PointMassConfig
 from moflock_mj.visualization.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK
 from optimize.analysis.statistics import half_width
@@ -184,7 +184,7 @@ def _points_table(front: ReevaluatedFront) -> str:
         (*(f"{m:.3f} +- {h:.3f}" for m, h in zip(mean, width, strict=True)), *(f"{value:.4g}" for value in point))
         for mean, width, point in rows
     ]
-    return markdown((*front.objectives.names, *VasarhelyiParams._fields), words)
+    return markdown((*front.objectives.names, *POLICIES[front.policy].names), words)
 
 
 def _named(judged: Validation, best: int | None) -> str:

@@ -120,8 +120,8 @@ def _calibrated(found: Validation, response: PointMassConfig, workers: int) -> F
     """The same points and seeds on point masses with the response of the airframe."""
     settings = found.settings
     scenario = search_scenario(settings.scenario.replace(point_mass=response), "point_mass")
-    points = np.array(list(settings.points.values()), np.float64)
-    job = Job(scenario=scenario, dynamics="point_mass")
+    points = list(settings.points.values())
+    job = Job(scenario=scenario, dynamics="point_mass", policy=settings.policy)
     with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as told:
         return evaluate_batch(executor, points, [settings.seeds] * len(points), told)
 

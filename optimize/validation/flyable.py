@@ -6,14 +6,14 @@ import dataclasses
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.registry import DEFAULT_POLICY, POLICIES, make_params, spec_of, values_of
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.metrics.verdict import FLYABLE, judge
-from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import OK, Evaluation, figure_columns
 from optimize.evaluation.objectives import PAPER
@@ -29,7 +29,7 @@ RULE = "largest product of mean F_1 and F_2 of the points that are flyable and k
 """Twice, since what 20 flights have just kept, the next 20 may not."""
 
 
-def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, VasarhelyiParams]:
+def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, NamedTuple]:
     """Candidates, at most `most`, among points that kept all limits, and twice the separation, in all their flights.
 
     Args:
@@ -40,7 +40,7 @@ def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dic
     Returns:
         The points by name, P1 and so on.
     """
-    flown: defaultdict[VasarhelyiParams, list[Evaluation]] = defaultdict(list)
+    flown: defaultdict[NamedTuple, list[Evaluation]] = defaultdict(list)
     for path in runs:
         with RunDirectory.open(path) as run:
             for evaluation in run.evaluations():
@@ -52,12 +52,13 @@ def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dic
         if _is_safe(figures, failed, scenario):
             kept += evaluations
     points = candidates(kept, PAPER, most)
-    return {f"P{number}": check_point(point) for number, point in enumerate(points.tolist(), 1)}
+    spec = spec_of(kept[0].params) if kept else POLICIES[DEFAULT_POLICY]
+    return {f"P{number}": make_params(spec, point) for number, point in enumerate(points.tolist(), 1)}
 
 
 def judge_points(
     path: Path,
-    points: Mapping[str, VasarhelyiParams],
+    points: Mapping[str, NamedTuple],
     scenario: Scenario,
     seeds: tuple[int, ...],
     workers: int,
@@ -87,7 +88,8 @@ def front_on_bodies(found: Validation) -> ReevaluatedFront:
         scenario=found.settings.scenario,
         dynamics=DYNAMICS[RIGID_BODY],
         seeds=found.settings.seeds,
-        points=np.array(list(found.settings.points.values()), np.float64),
+        policy=found.settings.policy,
+        points=np.array([list(values_of(params).values()) for params in found.settings.points.values()]),
         fitness=found.fitness[RIGID_BODY],
         failed=found.failed[RIGID_BODY],
         origin={"search": "on bodies, in three ways, by `make physics`"},

@@ -8,17 +8,18 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.vasarhelyi import VasarhelyiParams
+from controllers.policies.interface import PolicySpec
+from controllers.policies.registry import DEFAULT_POLICY, POLICIES, spec_of, values_of
 from moflock_mj.dynamics.airframe_models import load_airframe
-from moflock_mj.errors import SearchError
-from moflock_mj.fields import check_keys
+from moflock_mj.errors import PointError, SearchError
 from moflock_mj.flight import fly
 from moflock_mj.metrics.verdict import Verdict, judge
-from moflock_mj.parameters.points import check_point
+from moflock_mj.parameters.points import find_policy, point_from_values
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.simulation import Simulation
 from optimize.evaluation.archive import Archive, installed_versions, read_directory, write_directory
@@ -62,11 +63,11 @@ class ValidationConfig:
         versions: of the libraries.
 
     Raises:
-        SearchError: no points, or too few or too many seeds.
+        SearchError: no points, points of several policies, or too few or too many seeds.
     """
 
     scenario: Scenario
-    points: Mapping[str, VasarhelyiParams]
+    points: Mapping[str, NamedTuple]
     seeds: tuple[int, ...]
     fault_seeds: int = 0
     versions: Mapping[str, str] = dataclasses.field(default_factory=installed_versions)
@@ -74,11 +75,19 @@ class ValidationConfig:
     def __post_init__(self) -> None:
         if not self.points:
             raise SearchError("points: there is none; it must be at least 1")
+        policies = {spec_of(params).name for params in self.points.values()}
+        if len(policies) > 1:
+            raise SearchError(f"points: they are of the policies {', '.join(sorted(policies))}; it must be one")
         check_seeds(len(self.seeds))
         if not 0 <= self.fault_seeds <= len(self.seeds):
             raise SearchError(
                 f"fault_seeds: {self.fault_seeds} is out of bounds: it must be at least 0 and at most {len(self.seeds)}"
             )
+
+    @property
+    def policy(self) -> str:
+        """Name of the points' policy."""
+        return spec_of(next(iter(self.points.values()))).name
 
     @property
     def faults(self) -> dict[str, Scenario]:
@@ -88,7 +97,8 @@ class ValidationConfig:
     def jobs(self) -> tuple[Job, Job]:
         """What the executors need to know, in the order of DYNAMICS; the variants are the faults'."""
         point_mass, rigid_body = (
-            Job(scenario=search_scenario(self.scenario, dynamics), dynamics=dynamics) for dynamics in DYNAMICS
+            Job(scenario=search_scenario(self.scenario, dynamics), dynamics=dynamics, policy=self.policy)
+            for dynamics in DYNAMICS
         )
         variants = tuple(standard_faults(rigid_body.scenario).values()) if self.fault_seeds else ()
         return point_mass, dataclasses.replace(rigid_body, variants=variants)
@@ -126,7 +136,8 @@ class ValidationConfig:
     def to_json(self) -> str:
         """All but the scenario, which is a file of its own."""
         content = {
-            "points": {name: params._asdict() for name, params in self.points.items()},
+            "policy": self.policy,
+            "points": {name: values_of(params) for name, params in self.points.items()},
             "seeds": self.seeds,
             "fault_seeds": self.fault_seeds,
             "versions": dict(self.versions),
@@ -144,7 +155,11 @@ class ValidationConfig:
             content = json.loads(configuration)
         except (ValueError, RecursionError) as problem:
             raise SearchError(f"configuration: not JSON: {problem}") from None
-        if not isinstance(content, Mapping) or set(content) - {"fault_seeds"} != {"points", "seeds", "versions"}:
+        if not isinstance(content, Mapping) or set(content) - {"fault_seeds", "policy"} != {
+            "points",
+            "seeds",
+            "versions",
+        }:
             raise SearchError("configuration: not a validation's: it must have points, seeds and versions")
         points, seeds = content["points"], content["seeds"]
         if not isinstance(points, Mapping) or not all(isinstance(params, Mapping) for params in points.values()):
@@ -154,10 +169,11 @@ class ValidationConfig:
         fault_seeds = content.get("fault_seeds", 0)
         if type(fault_seeds) is not int:
             raise SearchError("configuration: fault_seeds: it must be a whole number of at least 0")
+        policy = find_policy(content.get("policy", DEFAULT_POLICY))
         return cls(
             scenario=Scenario.from_toml(scenario),
             fault_seeds=fault_seeds,
-            points={str(name): _point_of(params) for name, params in points.items()},
+            points={str(name): _point_of(policy, params) for name, params in points.items()},
             seeds=tuple(seeds),
             versions=content["versions"],
         )
@@ -171,7 +187,7 @@ class ValidationDirectory(Archive):
     """
 
     def __init__(self, path: Path, settings: ValidationConfig) -> None:
-        super().__init__(path)
+        super().__init__(path, POLICIES[settings.policy])
         self.settings = settings
 
     @classmethod
@@ -349,8 +365,8 @@ def log_worst(validation: Validation, folder: Path, told: ProgressCallback) -> d
     return logs
 
 
-def _point_of(params: Mapping[str, float]) -> VasarhelyiParams:
-    check_keys(params, VasarhelyiParams._fields, SearchError)
-    if len(params) != len(VasarhelyiParams._fields):
-        raise SearchError("configuration: points: each must have all 12 parameters")
-    return check_point(params[name] for name in VasarhelyiParams._fields)
+def _point_of(policy: PolicySpec, params: Mapping[str, float]) -> NamedTuple:
+    try:
+        return point_from_values(policy, params)
+    except PointError as problem:
+        raise SearchError(f"configuration: points: {problem}") from None

@@ -14,11 +14,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly, load_point
 from moflock_mj.scenario import effect_configs
 from moflock_mj.simulation.simulation import Simulation
 
-POINT = paper_point("model_optimum")
+POINT = load_point("model_optimum")
 MOFLOCK = Path(sys.executable).parent / "moflock"
 
 
@@ -72,7 +72,7 @@ def flown(
     seconds = 0.0
     while not simulation.finished:
         began = clock()
-        simulation.fly(5.0)
+        simulation.run(5.0)
         seconds += clock() - began
         if snapshots is not None and simulation.interval % (simulation.components.schedule.intervals // 10) == 0:
             snapshots.append(simulation.snapshot())

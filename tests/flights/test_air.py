@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj import Scenario, fly, load_point, read_log
 from moflock_mj.analysis.verification import resume, verify
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.errors import AirframeError, ScenarioError
@@ -18,7 +18,7 @@ from moflock_mj.simulation.simulation import Simulation
 from moflock_mj.world.constants import AIR_DENSITY
 from tests.support.twins import point_mass_in_wind, quaternion_matrix
 
-POINT = paper_point("model_optimum")
+POINT = load_point("model_optimum")
 EXAMPLE = Scenario.load(Path(__file__).parents[2] / "docs" / "windy.toml")
 EVERYTHING = EXAMPLE.replace(drones=5, arena_side=80.0, duration=12.0, t_del=0.3)
 PERFECT = effect_configs.ImuConfig(
@@ -48,7 +48,7 @@ def test_the_example_has_every_section():
 def test_a_held_flock_stays_where_it_is(dynamics):
     """The drift ends by the integral term, whether the wind was held before the start or is met unprepared."""
     simulation = Simulation(POINT, held(BREEZE.replace(duration=100.0)), dynamics, 1)
-    prepared = simulation.fly(100.0)
+    prepared = simulation.run(100.0)
     assert np.abs(prepared.position[:, :, :2] - prepared.position[0, :, :2]).max() < 1.5
     assert np.abs(prepared.velocity[-1]).max() < 1e-3
 
@@ -57,7 +57,7 @@ def test_a_held_flock_stays_where_it_is(dynamics):
         simulation.body.dynamics.observer[:, 3:5].T if simulation.body else simulation.components.dynamics.observer[2:]
     )
     observer[:] = 0  # A body leans 9 degrees into this wind, which takes 2 % off its rotors' drag.
-    surprised = simulation.fly(100.0)
+    surprised = simulation.run(100.0)
     along = surprised.velocity[:, :, :2] @ (math.cos(0.5), math.sin(0.5))
     assert along[:30].max() > 0.5
     assert np.abs(surprised.velocity[-1]).max() < 1e-3
@@ -89,7 +89,7 @@ def test_point_masses_in_wind_agree_with_their_slow_twin():
     states = [tuple(array[:2, i].copy() for array in (world.position, world.velocity)) for i in range(3)]
     observers = [(dynamics.observer[:2, i].copy(), dynamics.observer[2:, i].copy()) for i in range(3)]
     for _ in range(50):
-        simulation.fly(0.1)
+        simulation.run(0.1)
         for i in range(3):
             for _ in range(10):
                 states[i], observers[i] = point_mass_in_wind(
@@ -132,9 +132,9 @@ def test_its_log_tells_the_sections_and_is_verified_and_resumed(tmp_path, dynami
 
 def test_what_drones_believe_is_near_the_truth():
     simulation = Simulation(POINT, EVERYTHING.replace(duration=60.0), "rigid_body", 2)
-    simulation.fly(60.0)
+    simulation.run(60.0)
     dynamics = simulation.body.dynamics
-    believed = dynamics.sensors.estimate
+    believed = dynamics.imu.estimate
     for i in range(5):
         off = quaternion_matrix(believed.qpos[i, 3:]).T @ quaternion_matrix(dynamics.qpos[i, 3:])
         assert math.acos(min((np.trace(off) - 1) / 2, 1)) < math.radians(3)
@@ -149,7 +149,7 @@ def test_skipping_collisions_changes_nothing():
     flocks = [Simulation(POINT, crowded, "rigid_body", 1) for _ in range(2)]
     dynamics = flocks[1].body.dynamics
     flocks[1].components = flocks[1].components._replace(dynamics=dynamics._replace(reach=1e6))
-    records = [simulation.fly(20.0) for simulation in flocks]
+    records = [simulation.run(20.0) for simulation in flocks]
     np.testing.assert_array_equal(records[0].position, records[1].position)
     assert (dynamics.statistics.touch_step >= 0).any()
 
@@ -164,7 +164,7 @@ def test_an_empty_battery_brings_it_down():
     """With a sixtieth of its capacity it lasts some ten seconds, and then falls."""
     small = dataclasses.replace(EVERYTHING.battery, capacity=300.0)
     simulation = Simulation(POINT, EVERYTHING.replace(duration=60.0, battery=small), "rigid_body", 1)
-    record = simulation.fly(60.0)
+    record = simulation.run(60.0)
     battery = simulation.body.dynamics.battery
     assert (battery.charge == 0).all()
     assert (battery.lift == 0).all()

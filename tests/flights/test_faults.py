@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj import Scenario, fly, load_point, read_log
 from moflock_mj.analysis.verification import resume, verify
 from moflock_mj.scenario.faults import KINDS, FaultConfig
 from moflock_mj.simulation.simulation import Simulation
 from tests.support import twins
 
-POINT = paper_point("model_optimum")
+POINT = load_point("model_optimum")
 EXAMPLE = Scenario.load(Path(__file__).parents[2] / "docs" / "faulty.toml")
 FLOCK = Scenario(drones=10, arena_side=300.0, duration=30.0)
 PERFECT = FLOCK.replace(sigma_inner=0.0, sigma_outer=0.0, start="moflock")
@@ -74,7 +74,7 @@ def test_until_a_fault_begins_the_flight_is_that_without_it(dynamics):
 def test_without_neighbours_drones_keep_to_the_arena_and_to_their_speed(dynamics):
     scenario = FLOCK.replace(duration=90.0, faults=(FaultConfig(kind="blackout"),))
     simulation = Simulation(POINT, scenario, dynamics, 1)
-    record = simulation.fly(90.0)
+    record = simulation.run(90.0)
     assert simulation.memory.observation.neighbour_count.max() == 0
     beyond = np.abs(record.position[..., :2]).max() - scenario.arena_side / 2
     assert beyond < 5.0
@@ -100,13 +100,13 @@ def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it
     """V' = -v / tau, from v: it stops after v tau."""
     scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_outage", at=10.0, drone=3),), arena_side=100.0)
     simulation = Simulation(POINT, scenario, "point_mass", 4)
-    simulation.fly(10.0)
+    simulation.run(10.0)
     place, velocity = (
         array[:2, 3].copy() for array in (simulation.memory.world.position, simulation.memory.world.velocity)
     )
     heard = []
     for _ in range(50):
-        simulation.fly(0.2)
+        simulation.run(0.2)
         heard.append(any(3 in heard_now(simulation, i) for i in range(10)))
     assert np.linalg.norm(velocity) > 1
     stopped = simulation.memory.world.position[:2, 3] - place
@@ -120,7 +120,7 @@ def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
     simulation, truth, read, heard = Simulation(POINT, scenario, dynamics, 1), [], [], []
     for _ in range(40):
         truth.append(simulation.memory.world.position[:2].copy())
-        simulation.fly(0.2)
+        simulation.run(0.2)
         read.append(simulation.memory.observation.own_position.copy())
         heard.append(simulation.memory.observation.received_position[:, :10].copy())
     jumps = np.zeros((40, 2, 10))
@@ -140,7 +140,7 @@ def test_a_silent_drone_is_heard_until_its_last_packet_arrives_and_then_kept_for
     for _ in range(50):
         world = simulation.memory.world
         told.append((world.position[:2, 2].copy(), world.velocity[:2, 2].copy()))
-        simulation.fly(0.2)
+        simulation.run(0.2)
         ticks.append([neighbours(simulation, i).get(2) for i in range(10) if i != 2])
         assert len(heard_now(simulation, 2)) == 9
         if 25 <= len(ticks) - 1 < 30:
@@ -158,7 +158,7 @@ def test_a_blackout_deafens_one_and_all(dynamics):
     simulation = Simulation(POINT, PERFECT.replace(arena_side=60.0, faults=faults), dynamics, 1)
     counts = []
     for _ in range(20):
-        simulation.fly(0.2)
+        simulation.run(0.2)
         counts.append([len(heard_now(simulation, i)) for i in range(10)])
     np.testing.assert_array_equal(np.array(counts)[:, 0], [9] * 5 + [0] * 10 + [9] * 5)
     np.testing.assert_array_equal(np.array(counts)[:, 1:], np.repeat([[9] * 10 + [0] * 5 + [9] * 5], 9, axis=0).T)
@@ -193,7 +193,7 @@ def test_a_burst_loses_its_share_of_packets_each_way(dynamics):
         [],
     )
     for _ in range(120):
-        simulation.fly(0.2)
+        simulation.run(0.2)
         receives.append(len(heard_now(simulation, 0)))
         is_heard.append(sum(0 in heard_now(simulation, i) for i in range(1, 10)))
     for counts in (receives, is_heard):
@@ -227,7 +227,7 @@ def test_a_weak_rotor_is_held_and_a_lost_one_is_not():
 
     lost = FLOCK.replace(faults=(FaultConfig(**WEAK, at=10.0, drone=5, effectiveness=0.0),))
     simulation = Simulation(POINT, lost, "rigid_body", 1)
-    record, others = simulation.fly(30.0), [i for i in range(10) if i != 5]
+    record, others = simulation.run(30.0), [i for i in range(10) if i != 5]
     assert record.position[150:, 5, 2].max() < 2.0
     np.testing.assert_array_equal(np.flatnonzero(simulation.memory.world.touched), [5])
     assert np.abs(record.position[:, others, 2] - 20).max() < 1.0
@@ -246,7 +246,7 @@ def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
         resumed = Simulation(POINT, scenario, dynamics, 999)
         resumed.restore(simulation.snapshot())
         simulation = resumed
-        records.append(simulation.fly(seconds))
+        records.append(simulation.run(seconds))
     for name in ("position", "velocity", "desired", "status", "order_parameters"):
         joined = np.concatenate([getattr(record, name) for record in records])
         np.testing.assert_array_equal(joined, getattr(whole, name))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from moflock_mj import MoflockError, Scenario, fly, paper_point
+from moflock_mj import MoflockError, Scenario, fly, load_point
 from moflock_mj.errors import LogError, PointError, ScenarioError
 from moflock_mj.scenario.effect_configs import PointMassConfig, WindConfig
 from moflock_mj.simulation.simulation import Simulation
 from tests.support import twins
 
-A = paper_point("A")
+A = load_point("A")
 SHORT = Scenario(drones=6, arena_side=120.0, duration=12.0)
 
 
@@ -99,7 +99,7 @@ def test_nothing_touches_the_global_generator():
 
 def test_both_dynamics_start_from_the_same_place_with_the_same_senses():
     flocks = [Simulation(A, SHORT, dynamics, 4) for dynamics in ("point_mass", "rigid_body")]
-    records = [simulation.fly(0.1) for simulation in flocks]
+    records = [simulation.run(0.1) for simulation in flocks]
     np.testing.assert_array_equal(records[0].position[0], records[1].position[0])
     np.testing.assert_array_equal(records[0].desired[1], records[1].desired[1])
 
@@ -178,7 +178,7 @@ GUSTY = Scenario(drones=4, arena_side=100.0, duration=12.0, wind=WindConfig(spee
 def test_in_gusts_a_point_mass_that_is_late_by_what_a_step_is_late_anyway_is_one_that_is_not():
     """An answer is held for a step, and so is late by half of one: the gusts must be drawn alike."""
     flights = [
-        fly(paper_point("B"), scenario=GUSTY.replace(point_mass=response), dynamics="point_mass", seed=3)
+        fly(load_point("B"), scenario=GUSTY.replace(point_mass=response), dynamics="point_mass", seed=3)
         for response in (PointMassConfig(), PointMassConfig(delay=0.004))
     ]
     np.testing.assert_allclose(flights[0].samples.position, flights[1].samples.position, rtol=0, atol=1e-9)
@@ -187,7 +187,7 @@ def test_in_gusts_a_point_mass_that_is_late_by_what_a_step_is_late_anyway_is_one
 def test_in_gusts_a_late_point_mass_flies_on_with_less_grip():
     late = GUSTY.replace(point_mass=PointMassConfig(delay=0.4), duration=60.0)
     errors = [
-        fly(paper_point("B"), scenario=scenario, dynamics="point_mass", seed=3).motion.velocity_error_rms
+        fly(load_point("B"), scenario=scenario, dynamics="point_mass", seed=3).motion.velocity_error_rms
         for scenario in (GUSTY.replace(duration=60.0), late)
     ]
     assert errors[0] < errors[1] < 2 * errors[0]

@@ -132,7 +132,7 @@ def test_any_command_is_answered_once_if_it_is_ours(station, command, params, ta
 )
 def test_any_setpoint_leaves_a_finite_wish(station, mask, frame, fields):
     station.send(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *fields))
-    wish = station.vehicle.wish
+    wish = station.vehicle.setpoint
     if wish is not None:
         assert all(math.isfinite(part) for part in (*(wish.velocity or ()), *(wish.position or ())))
     station.wait(0.02)

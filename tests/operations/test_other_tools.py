@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj import Scenario, fly, load_point, read_log
 from moflock_mj.errors import RenderError
 from moflock_mj.log.foxglove_layout import BLUEPRINT_FILE, PLOTS, viewer_layout
 from moflock_mj.log.scene_encoder import arena_points
@@ -27,7 +27,7 @@ NODE_PACKAGES = ("@mcap/core@2.2.2", "fzstd@0.1.1")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "flight.mcap"
     scenario = Scenario(drones=5, duration=12.0, arena_side=100.0, start_spacing=5.0)
-    fly(paper_point("B"), scenario=scenario, log=path)
+    fly(load_point("B"), scenario=scenario, log=path)
     return path
 
 

@@ -24,7 +24,8 @@ POINT = load_point("steady")
 
 def report_of(seen):
     return Report(
-        time=datetime.datetime.now(datetime.UTC), signed_off_by="Ada", version="", commit="", point=POINT._asdict(),
+        time=datetime.datetime.now(datetime.UTC), signed_off_by="Ada", version="", commit="",
+        policy="vasarhelyi", point=POINT._asdict(),
         point_name="steady", scenario=json.loads(json.dumps(SCENARIO.to_dict())), seeds=(), vehicles=seen.vehicles,
         items=(*seen.items, *seen.batteries(None)), changes=seen.changes,
     )  # fmt: skip

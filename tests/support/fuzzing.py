@@ -52,7 +52,7 @@ def changeable_state(vehicle):
         vehicle.armed,
         vehicle.phase,
         vehicle.home,
-        vehicle.wish,
+        vehicle.setpoint,
         vehicle.ground_heard,
         tuple(vehicle.parameters._table.items()),
         tuple(vehicle.fence.items),

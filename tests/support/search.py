@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.parameters.bounds import policy_bounds
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import Evaluation, infeasible
 from optimize.search.configuration import Configuration, SearchConfig
@@ -37,7 +37,7 @@ class FakeExecutor:
             yield infeasible(self.job, task, "fake") if task.number in self.fails else self._fly(task)
 
     def _fly(self, task):
-        unit = paper_bounds().to_unit(task.params)
+        unit = policy_bounds().to_unit(task.params)
         distance = np.abs(unit[1:] - 0.3).mean()
         rows = []
         for seed in task.seeds:

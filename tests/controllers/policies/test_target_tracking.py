@@ -9,7 +9,7 @@ from controllers.policies import vasarhelyi
 from controllers.policies.interface import Observation, SpeedLimits
 from controllers.policies.target_tracking import TargetTrackingParams, decide
 from controllers.policies.vasarhelyi import VasarhelyiParams
-from moflock_mj import Scenario, paper_point
+from moflock_mj import Scenario, load_point
 from moflock_mj.world.square import SquareArena, locate_square_walls
 from tests.support import twins
 
@@ -34,7 +34,7 @@ def observation(position, velocity, neighbours):
 
 def decided(params, target, known, limits=LIMITS):
     out = np.zeros_like(known.own_position)
-    decide(TargetTrackingParams.of(params, target), limits, known, out)
+    decide(TargetTrackingParams(params, *target), limits, known, out)
     return out.T
 
 
@@ -53,7 +53,7 @@ def slow_pull(own, heard, target):
 @pytest.mark.parametrize("seed", range(20))
 def test_agrees_with_its_slow_twin(seed):
     rng = np.random.default_rng(seed)
-    params = VasarhelyiParams(*(np.array(paper_point("AB"[seed % 2])) * rng.uniform(0.7, 1.3, 12)))
+    params = VasarhelyiParams(*(np.array(load_point("AB"[seed % 2])) * rng.uniform(0.7, 1.3, 12)))
     n, spread = 10, (20, 60, 270)[seed % 3]
     position, velocity = rng.uniform(-spread, spread, (n, 2)), rng.normal(0, 3, (n, 2))
     target = rng.uniform(-100, 100, 2)
@@ -89,8 +89,8 @@ def test_without_a_pull_it_is_the_flocking_policy():
     rng = np.random.default_rng(0)
     known = observation([[0, 0], [10, 5]], rng.normal(0, 3, (2, 2)), [[1], [0]])
     expected = np.zeros((2, 2))
-    vasarhelyi.decide(paper_point("B"), LIMITS._replace(v_max=6.0), known, expected)
-    ours = decided(paper_point("B"), (0.0, 1.0), known, LIMITS._replace(v_max=6.0))
+    vasarhelyi.decide(load_point("B"), LIMITS._replace(v_max=6.0), known, expected)
+    ours = decided(load_point("B"), (0.0, 1.0), known, LIMITS._replace(v_max=6.0))
     np.testing.assert_array_equal(ours[0], expected.T[0])
 
 

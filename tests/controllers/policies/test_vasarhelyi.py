@@ -8,7 +8,7 @@ import pytest
 from controllers.policies.braking import braking_curve, braking_distance
 from controllers.policies.interface import Observation, SpeedLimits
 from controllers.policies.vasarhelyi import VasarhelyiParams, decide
-from moflock_mj import Scenario, paper_point
+from moflock_mj import Scenario, load_point
 from moflock_mj.world.square import SquareArena, locate_square_walls
 from tests.support import twins
 
@@ -44,7 +44,7 @@ def off(**changes):
 @pytest.mark.parametrize("seed", range(30))
 def test_agrees_with_its_slow_twin(seed):
     rng = np.random.default_rng(seed)
-    points = [paper_point(name) for name in ("A", "B", "model_optimum")]
+    points = [load_point(name) for name in ("A", "B", "model_optimum")]
     params = VasarhelyiParams(*(np.mean(points, axis=0) * rng.uniform(0.7, 1.3, 12)))
     n = 12
     position = rng.uniform(-270, 270, (n, 2)) if seed % 2 else rng.uniform(-60, 60, (n, 2))

@@ -5,7 +5,7 @@ import pytest
 
 from moflock_mj import MoflockError, Scenario
 from moflock_mj.analysis.identification import identify
-from moflock_mj.analysis.step_response import respond_to_steps
+from moflock_mj.analysis.step_response import step_response
 from moflock_mj.scenario.effect_configs import PointMassConfig
 
 
@@ -13,7 +13,7 @@ def test_a_late_point_mass_answers_as_the_delayed_equation_says():
     """V' = (c - v)(t - d) / tau from rest: nothing until d, then a line, then a parabola (method of steps)."""
     response = PointMassConfig(tau=0.8, a_max=50.0, delay=0.2)
     scenario = Scenario(point_mass=response)
-    flown = respond_to_steps(scenario, np.array([[[2.0], [0.0]]]), 0.6, "point_mass")
+    flown = step_response(scenario, np.array([[[2.0], [0.0]]]), 0.6, "point_mass")
     t, delay, tau = flown.t, response.delay, response.tau
     line = np.maximum(t - delay, 0) / tau
     parabola = np.maximum(t - 2 * delay, 0) ** 2 / (2 * tau**2)

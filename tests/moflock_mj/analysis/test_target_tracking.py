@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from moflock_mj import MoflockError, Scenario, fly, paper_point
+from moflock_mj import MoflockError, Scenario, fly, load_point
 from moflock_mj.analysis.target_tracking import Sine, fit_sine, target_distance, track_target
 
 SHORT = Scenario(drones=6, arena_side=200.0, duration=90.0, step=0.1)
@@ -35,8 +35,8 @@ def test_distance_is_that_of_the_centre_of_mass():
 
 def test_a_target_holds_the_flock():
     target = (40.0, -30.0)
-    held = track_target(paper_point("B"), target=target, scenario=SHORT, seed=3, transient=40)
-    free = fly(paper_point("B"), scenario=SHORT, dynamics="point_mass", seed=3)
+    held = track_target(load_point("B"), target=target, scenario=SHORT, seed=3, transient=40)
+    free = fly(load_point("B"), scenario=SHORT, dynamics="point_mass", seed=3)
     steady = held.t >= 40
     assert held.distance[steady].mean() < target_distance(free.samples.position, target)[steady].mean()
     assert held.F_target == pytest.approx(held.sine.omega / held.sine.amplitude)
@@ -44,12 +44,12 @@ def test_a_target_holds_the_flock():
 
 
 def test_the_same_seed_gives_the_same_flight():
-    first, second = (track_target(paper_point("A"), scenario=SHORT, seed=5, transient=10) for _ in range(2))
+    first, second = (track_target(load_point("A"), scenario=SHORT, seed=5, transient=10) for _ in range(2))
     np.testing.assert_array_equal(first.distance, second.distance)
 
 
 def test_rigid_bodies_track_too():
-    result = track_target(paper_point("A"), scenario=SHORT.replace(duration=12.0, step=None), dynamics="rigid_body",
+    result = track_target(load_point("A"), scenario=SHORT.replace(duration=12.0, step=None), dynamics="rigid_body",
                           transient=2.0)  # fmt: skip
     assert result.flight.body is not None
     assert np.isfinite(result.distance).all()
@@ -57,6 +57,6 @@ def test_rigid_bodies_track_too():
 
 def test_what_cannot_be_tracked_is_refused():
     with pytest.raises(MoflockError, match="duration: 90 s"):
-        track_target(paper_point("A"), scenario=SHORT)
+        track_target(load_point("A"), scenario=SHORT)
     with pytest.raises(MoflockError, match="target_y"):
-        track_target(paper_point("A"), target=(0.0, float("nan")), scenario=SHORT, transient=10)
+        track_target(load_point("A"), target=(0.0, float("nan")), scenario=SHORT, transient=10)

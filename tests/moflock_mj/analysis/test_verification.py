@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from moflock_mj import LoggedFlight, Scenario, fly, paper_point, read_log
+from moflock_mj import LoggedFlight, Scenario, fly, load_point, read_log
 from moflock_mj.analysis.target_tracking import track_target
 from moflock_mj.analysis.verification import Difference, resume, verify
 from moflock_mj.errors import LogError, MoflockError
 from moflock_mj.log.schemas import Metrics
 from tests.moflock_mj.log.test_reader import rebuild
 
-A, B = paper_point("A"), paper_point("B")
+A, B = load_point("A"), load_point("B")
 SCENARIO = Scenario(drones=4, arena_side=80.0, duration=23.0, packet_loss_ratio=0.5)
 
 
@@ -186,7 +186,7 @@ def test_a_state_between_two_decisions_is_enough(tmp_path):
         (10.0, {"duration": 0.0}, "duration: 0 s is out of bounds"),
         (10.0, {"duration": math.inf}, "duration: inf s is out of bounds"),
         (10.0, {"duration": 0.05}, "duration: 10.05 s is no whole multiple"),
-        (10.0, {"params": A[:5]}, "5 parameters"),
+        (10.0, {"params": A[:5]}, "holds the parameters of no policy"),
     ],
 )
 def test_what_cannot_be_resumed_is_refused(quick, at, keywords, words):
@@ -199,12 +199,12 @@ def test_a_flight_around_a_target_is_read_verified_and_resumed(tmp_path):
     path, target = tmp_path / "a.mcap", (30.0, -20.0)
     tracked = track_target(A, target=target, scenario=SCENARIO, transient=10.0, log=path)
     logged = read_log(path)
-    assert logged.params == tracked.flight.params == (*A, *target)
+    assert logged.params == tracked.flight.params == (A, *target)
     assert verify(logged).identical
     np.testing.assert_array_equal(resume(logged, 10.0).samples.position, tracked.flight.samples.position[101:])
     resume(logged, 10.0, params=B, log=tmp_path / "b.mcap")
     switched = read_log(tmp_path / "b.mcap")
-    assert switched.params == (*B, *target)
+    assert switched.params == (B, *target)
     assert verify(switched).identical
 
 
@@ -212,7 +212,7 @@ def test_a_flight_around_a_target_is_read_verified_and_resumed(tmp_path):
 def test_a_target_that_cannot_be_is_refused(quick, tmp_path, x):
     parameters = json.dumps({**A._asdict(), "target_x": x, "target_y": 0.0})
     with pytest.raises(LogError, match=r"target_x|parameters"):
-        read_log(rebuild(quick, tmp_path / "a.mcap", run={"parameters": parameters}))
+        read_log(rebuild(quick, tmp_path / "a.mcap", run={"policy": "target_tracking", "parameters": parameters}))
 
 
 def test_a_log_is_not_resumed_into_itself(quick):

@@ -67,9 +67,10 @@ def vehicle(system=1, uid=7):
 def report(**changes):
     facts = {
         "time": NOW, "signed_off_by": "somebody", "version": "0", "commit": "", "point_name": "knee", "seeds": (1,),
-        "point": load_point("knee")._asdict(), "scenario": json.loads(json.dumps(SCENARIO.replace(drones=1).to_dict())),
+        "policy": "vasarhelyi", "point": load_point("knee")._asdict(),
+        "scenario": json.loads(json.dumps(SCENARIO.replace(drones=1).to_dict())),
         "vehicles": (checked_vehicle(vehicle()),),
-        "items": (CheckItem(name="all", about="point", grade=CheckResult.PASS),),
+        "items": (CheckItem(name="all", about="point", result=CheckResult.PASS),),
     }  # fmt: skip
     return Report(**{**facts, **changes})
 
@@ -100,7 +101,7 @@ def test_a_report_of_something_else_is_refused(changes, words):
 
 
 def test_a_report_that_failed_is_a_failed_check():
-    bad = report(items=(CheckItem(name="battery", about="vehicle 1", grade=CheckResult.FAILURE),))
+    bad = report(items=(CheckItem(name="battery", about="vehicle 1", result=CheckResult.FAILURE),))
     with pytest.raises(CheckFailedError, match="failure: vehicle 1: battery"):
         permit(bad, report())
 

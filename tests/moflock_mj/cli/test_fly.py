@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from moflock_mj import paper_point
+from moflock_mj import load_point
 
 MOFLOCK = Path(sys.executable).parent / "moflock"
 QUICK = ("--drones", "3", "--duration", "2", "--log", "none")
@@ -57,7 +57,7 @@ def test_fly_prints_json_and_logs(tmp_path):
 
 
 def test_a_point_of_a_file_and_a_scenario_of_a_file(tmp_path):
-    (tmp_path / "p.json").write_text(json.dumps(paper_point("B")._asdict()))
+    (tmp_path / "p.json").write_text(json.dumps(load_point("B")._asdict()))
     (tmp_path / "s.toml").write_text("drones = 4\nduration = 3\narena_side = 100")
     told = json.loads(
         run("fly", "--dynamics", "point_mass", "--point", "p.json", "--scenario", "s.toml", "--log", "none", "--json",

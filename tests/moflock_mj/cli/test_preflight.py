@@ -57,7 +57,7 @@ def test_a_fleet_is_put_right_and_its_report_signed_off(tmp_path, autopilot, key
     assert (found.returncode, fixed.returncode, fixed.stderr) == (1, 0, "")
     told = json.loads(found.stdout)
     assert told["verdict"] == "failure"
-    assert all(item["advice"] for item in told["items"] if item["grade"] == "failure")
+    assert all(item["advice"] for item in told["items"] if item["result"] == "failure")
     (path,) = (tmp_path / "logs").glob("preflight-*-knee.json")
     report = read_report(path, SigningKey.from_text(key, "") if key else None)
     assert report.verdict == "pass"

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly, load_point
 from tests.moflock_mj.cli.test_fly import MOFLOCK, run
 from tests.moflock_mj.rendering.test_video import needs_gl
 
@@ -21,7 +21,7 @@ SCENARIO = Scenario(drones=4, duration=12.0, arena_side=100.0)
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("logs") / "flight.mcap"
-    fly(paper_point("A"), scenario=SCENARIO, dynamics="point_mass", log=path, keep_samples=False)
+    fly(load_point("A"), scenario=SCENARIO, dynamics="point_mass", log=path, keep_samples=False)
     return path
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly, load_point
 from moflock_mj.dynamics.airframe_models import airframe_names, load_airframe
 from moflock_mj.dynamics.bodies import GROUND
 from moflock_mj.errors import FlightError
@@ -15,7 +15,7 @@ from moflock_mj.scenario.effect_configs import DragConfig
 from moflock_mj.simulation.simulation import Simulation
 from moflock_mj.world.constants import AIR_DENSITY
 
-POINT = paper_point("model_optimum")
+POINT = load_point("model_optimum")
 CALM = Scenario(drones=4, duration=10.0, arena_side=200.0, sigma_outer=0.0, sigma_inner=0.0)
 
 
@@ -53,7 +53,7 @@ def test_both_dynamics_fly_the_same_flock():
 def test_free_fall():
     simulation = flock_of(CALM.replace(duration=1.0))
     rotors_off(simulation)
-    record = simulation.fly(1.0)
+    record = simulation.run(1.0)
     steps = round(1.0 / simulation.step)
     # MuJoCo's semi-implicit Euler falls g dt^2 n (n + 1) / 2 in n steps.
     fallen = 9.81 * simulation.step**2 * steps * (steps + 1) / 2
@@ -64,7 +64,7 @@ def test_terminal_speed_under_drag():
     scenario = CALM.replace(drones=1, duration=30.0, altitude=2000.0, drag=DragConfig(rotor=0.0))
     simulation = flock_of(scenario)
     rotors_off(simulation)
-    record = simulation.fly(30.0)
+    record = simulation.run(30.0)
     airframe = load_airframe("x500")
     terminal = math.sqrt(2 * airframe.mass * 9.81 / (AIR_DENSITY * airframe.drag_area))
     assert -record.velocity[-1, 0, 2] == pytest.approx(terminal, rel=1e-3)
@@ -75,7 +75,7 @@ def test_the_outer_noise_gives_the_velocity_increments_of_a_point_mass():
     scenario = Scenario(drones=300, arena_side=1500.0, altitude=500.0, duration=4.0)
     simulation = flock_of(scenario)
     rotors_off(simulation)
-    record = simulation.fly(4.0)
+    record = simulation.run(4.0)
     variance = record.velocity[-1, :, :2].var()
     assert variance == pytest.approx(2 * scenario.sigma_outer * 4.0, rel=0.15)
 
@@ -89,7 +89,7 @@ def test_drones_that_meet_are_marked_and_what_follows_is_physics():
     for row in (0, 1):
         simulation.memory.world.position[:, row] = dynamics.qpos[row, :3]
         simulation.memory.world.velocity[:, row] = dynamics.qvel[row, :3]
-    record = simulation.fly(3.0)
+    record = simulation.run(3.0)
     statistics = dynamics.statistics
     assert list(statistics.touch_with) == [1, 0]
     assert 0 < statistics.touch_step[0] * simulation.step < 1.0
@@ -102,7 +102,7 @@ def test_drones_that_meet_are_marked_and_what_follows_is_physics():
 def test_a_drone_that_falls_lies_on_the_ground():
     simulation = flock_of(CALM.replace(drones=1, altitude=2.0, duration=4.0))
     rotors_off(simulation)
-    record = simulation.fly(4.0)
+    record = simulation.run(4.0)
     assert simulation.body.dynamics.statistics.touch_with[0] == GROUND
     assert simulation.body.dynamics.statistics.touch_step[0] * simulation.step == pytest.approx(
         math.sqrt(2 * 2.0 / 9.81), abs=0.05
@@ -117,7 +117,7 @@ def test_skipping_collisions_changes_nothing():
     flocks = [flock_of(crowded), flock_of(crowded)]
     dynamics = flocks[1].body.dynamics
     flocks[1].components = flocks[1].components._replace(dynamics=dynamics._replace(reach=1e6))
-    records = [simulation.fly(20.0) for simulation in flocks]
+    records = [simulation.run(20.0) for simulation in flocks]
     np.testing.assert_array_equal(records[0].position, records[1].position)
     touched = [simulation.body.dynamics.statistics.touch_step for simulation in flocks]
     np.testing.assert_array_equal(touched[0], touched[1])
@@ -126,10 +126,10 @@ def test_skipping_collisions_changes_nothing():
 
 def test_a_state_that_is_not_finite_ends_the_flight():
     simulation = flock_of(CALM)
-    simulation.fly(1.0)
+    simulation.run(1.0)
     simulation.body.dynamics.qvel[2, 0] = np.nan
     with pytest.raises(FlightError, match="drone 2: its state is no longer finite before 2 s"):
-        simulation.fly(1.0)
+        simulation.run(1.0)
 
 
 def test_thousand_drones_fly_one_second():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.compiling import Off
-from moflock_mj import Scenario, paper_point
+from moflock_mj import Scenario, load_point
 from moflock_mj.dynamics.rotors import delivered_wrench
 from moflock_mj.effects.fault_injection import NEVER, apply_faults, intervals_of, make_fault_schedule
 from moflock_mj.errors import ScenarioError
@@ -159,7 +159,7 @@ def test_faults_together_are_those_of_the_slow_twin():
 
 
 def test_a_weak_rotor_delivers_its_share_and_no_other_does():
-    gains = Simulation(paper_point("A"), SHORT, "rigid_body", 1).body.design.gains
+    gains = Simulation(load_point("A"), SHORT, "rigid_body", 1).body.design.gains
     thrust = np.arange(16.0).reshape(4, 4)
     faults, world = broken(FaultConfig(kind="rotor_loss", drone=3, rotor=1, effectiveness=0.25))
     STRIKE(faults, world, 0)

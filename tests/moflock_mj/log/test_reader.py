@@ -14,14 +14,14 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from moflock_mj import LoggedFlight, Scenario, fly, paper_point, read_log
+from moflock_mj import LoggedFlight, Scenario, fly, load_point, read_log
 from moflock_mj.errors import LogError
 from moflock_mj.log.chunk_writer import ChunkWriter
 from moflock_mj.log.schemas import CHANNELS, RUN_COPY, RUN_METADATA, Metrics, schema_of, state_digests
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
 from moflock_mj.simulation.simulation import Simulation
 
-A = paper_point("A")
+A = load_point("A")
 # Small enough that drones leave the arena and meet.
 CROWDED = Scenario(drones=8, arena_side=30.0, duration=12.0, start_spacing=2.0)
 
@@ -90,7 +90,7 @@ def test_of_a_drones_flags_the_worst_is_kept(pair):
 def test_what_a_flight_itself_does_not_tell(pair):
     flight, logged = pair
     simulation = Simulation(A, CROWDED, flight.dynamics, 3)
-    record = simulation.fly(12.0, whole_states=True)
+    record = simulation.run(12.0, whole_states=True)
     np.testing.assert_array_equal(logged.digests, state_digests(record.qpos, record.qvel))
     np.testing.assert_array_equal(logged.quaternion, record.qpos[..., 3:].astype(np.float32))
     np.testing.assert_array_equal(logged.body_rates, record.qvel[..., 3:].astype(np.float32))
@@ -206,7 +206,7 @@ def test_what_is_unfinished_or_damaged_suggests_recovery(good, tmp_path):
         ({"seed": "9" * 5000}, "seed: '9"),
         ({"dynamics": "boat"}, "dynamics: 'boat'"),
         ({"parameters": "[" * 100_000}, "parameters"),
-        ({"parameters": "{}"}, "parameters"),
+        ({"parameters": "{}"}, "r0_rep: missing"),
         ({"parameters": json.dumps(A._asdict() | {"p_rep": 10**400})}, "p_rep|parameters"),
         ({"scenario": "drones = ["}, "not TOML"),
         ({"scenario": "drones = -3"}, "drones: -3"),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from moflock_mj import Scenario, fly, paper_point, read_log
+from moflock_mj import Scenario, fly, load_point, read_log
 from moflock_mj.analysis.verification import verify
 from moflock_mj.cli.replay_output import print_logged_flight, print_recovery, print_verification
 from moflock_mj.errors import LogError
@@ -21,7 +21,7 @@ from moflock_mj.log.recovery import RECOVERY_METADATA, recover, recovered_path
 from moflock_mj.log.schemas import RUN_COPY
 from tests.moflock_mj.log.test_reader import bomb, foreign
 
-A = paper_point("A")
+A = load_point("A")
 ROUNDS = 200
 
 
@@ -183,10 +183,10 @@ def test_a_lost_attachment_is_told(small, original, tmp_path):
 
 PROGRAM = """
 import sys
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly, load_point
 def told(t, _):
     print(t, flush=True)
-fly(paper_point("A"), scenario=Scenario(duration=3000.0), log=sys.argv[1], keep_samples=False, progress=told)
+fly(load_point("A"), scenario=Scenario(duration=3000.0), log=sys.argv[1], keep_samples=False, progress=told)
 """
 
 

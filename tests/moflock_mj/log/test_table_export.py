@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moflock_mj import Flight, Scenario, fly, paper_point
+from moflock_mj import Flight, Scenario, fly, load_point
 from moflock_mj.errors import RenderError
 from moflock_mj.log.table_export import COLUMNS, export_csv, export_parquet
 from moflock_mj.metrics.order_parameters import OUTSIDE
@@ -18,7 +18,7 @@ parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installe
 @pytest.fixture(scope="module")
 def flight() -> Flight:
     scenario = Scenario(drones=4, duration=20.0, arena_side=60.0, start_spacing=5.0)
-    return fly(paper_point("B"), scenario=scenario, dynamics="point_mass")
+    return fly(load_point("B"), scenario=scenario, dynamics="point_mass")
 
 
 def test_parquet_holds_every_sample_bit_by_bit(flight: Flight, tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from controllers.compiling import entry_kernel
-from moflock_mj import OrderParameters, Scenario, paper_point
+from controllers.policies.vasarhelyi import interaction_range
+from moflock_mj import OrderParameters, Scenario, load_point
 from moflock_mj.metrics.fitness import falling, fitness_of, gaussian, rising
 from moflock_mj.metrics.order_parameters import (
     CLOSE,
@@ -14,7 +15,6 @@ from moflock_mj.metrics.order_parameters import (
     TOUCHED,
     MetricAccumulator,
     MetricRanges,
-    cluster_range,
     count_sample,
     write_running,
 )
@@ -53,11 +53,11 @@ def judged(positions, velocities, scenario, r_cluster, touched=None):
 @pytest.mark.parametrize("spread", [10.0, 300.0, 1000.0])
 def test_agree_with_their_slow_twin(name, spread):
     rng = np.random.default_rng(5)
-    scenario, params = Scenario(), paper_point(name)
+    scenario, params = Scenario(), load_point(name)
     positions = rng.uniform(-spread / 2, spread / 2, (7, 9, 3))
     velocities = rng.normal(0, 4, (7, 9, 3))
     velocities[2, 3] = 0
-    ours, _, _ = judged(positions, velocities, scenario, cluster_range(params, scenario.v_flock))
+    ours, _, _ = judged(positions, velocities, scenario, interaction_range(params, scenario.v_flock))
     np.testing.assert_allclose(ours, twins.order_parameters(positions, velocities, params, scenario), rtol=1e-12)
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point
-from moflock_mj.flight import fly_on
+from moflock_mj import Scenario, fly, load_point
+from moflock_mj.flight import continue_flight
 from moflock_mj.metrics.samples import SampleBuffer
 from moflock_mj.metrics.tracking import MotionMeter
 from moflock_mj.simulation.simulation import Simulation
@@ -44,7 +44,7 @@ def test_a_lone_drone_that_speeds_up_has_the_error_of_its_exponential():
     calm = Scenario(
         drones=1, arena_side=1e5, duration=20.0, step=0.001, start="moflock", sigma_inner=0.0, sigma_outer=0.0, t_del=0
     )
-    flight = fly(paper_point("A"), scenario=calm, dynamics="point_mass", seed=3)
+    flight = fly(load_point("A"), scenario=calm, dynamics="point_mass", seed=3)
     start = np.linalg.norm(flight.samples.velocity[0, 0])
     mean_square = (calm.v_flock - start) ** 2 * calm.tau / (2 * calm.duration)
     # Samples every 0.1 s from 0.1 s on: a geometric series in place of the integral, exp(-0.1) less by a half.
@@ -57,8 +57,8 @@ def test_a_lone_drone_that_speeds_up_has_the_error_of_its_exponential():
 def test_records_may_be_cut_anywhere():
     scenario = SCENARIO.replace(drones=4, duration=3.0)
     whole, pieces = (
-        Simulation(paper_point("A"), scenario, "point_mass", 1),
-        Simulation(paper_point("A"), scenario, "point_mass", 1),
+        Simulation(load_point("A"), scenario, "point_mass", 1),
+        Simulation(load_point("A"), scenario, "point_mass", 1),
     )
     one, many = MotionMeter(scenario), MotionMeter(scenario)
     one.add(whole.fly(3.0))
@@ -69,10 +69,10 @@ def test_records_may_be_cut_anywhere():
 
 def test_a_drone_that_comes_down_is_lost():
     scenario = SCENARIO.replace(drones=3, duration=8.0)
-    simulation = Simulation(paper_point("A"), scenario, "rigid_body", 1)
+    simulation = Simulation(load_point("A"), scenario, "rigid_body", 1)
     simulation.body.dynamics.gains.mixer[:] = 0  # nobody steers any more
     simulation.body.dynamics.qvel[1, 3] = 3.0  # and one rolls over
 
-    flight = fly_on(simulation)
+    flight = continue_flight(simulation)
     assert flight.body.lost == flight.body.touched == 1
-    assert fly(paper_point("A"), scenario=scenario).body.lost == 0
+    assert fly(load_point("A"), scenario=scenario).body.lost == 0

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.bounds import Bounds, bounds_of, load_bounds, paper_bounds
+from moflock_mj.parameters.bounds import ParameterBounds, bounds_of, load_bounds, policy_bounds
 
 PAPER = json.loads((Path(__file__).parents[2] / "reference" / "paper.json").read_text())["bounds"]
 
 
 def test_paper_bounds_are_the_papers():
-    assert list(paper_bounds().lower) == PAPER["lower"]
-    assert list(paper_bounds().upper) == PAPER["upper"]
+    assert list(policy_bounds().lower) == PAPER["lower"]
+    assert list(policy_bounds().upper) == PAPER["upper"]
 
 
 def test_the_unit_cube_maps_to_the_bounds_and_back():
-    bounds = paper_bounds()
+    bounds = policy_bounds()
     unit = np.random.default_rng(1).random((5, 12))
     points = bounds.from_unit(unit)
     assert points.shape == (5, 12)
@@ -49,7 +49,7 @@ def test_bounds_that_are_none_are_refused_in_one_line(table, words):
 
 def test_eleven_numbers_are_refused():
     with pytest.raises(SearchError, match="11 parameters"):
-        Bounds(lower=tuple(range(11)), upper=tuple(range(1, 13)))
+        ParameterBounds(lower=tuple(range(11)), upper=tuple(range(1, 13)))
 
 
 def test_files_are_read_and_what_they_leave_out_is_the_papers(tmp_path):
@@ -58,7 +58,7 @@ def test_files_are_read_and_what_they_leave_out_is_the_papers(tmp_path):
     text.write_text('{"r0_rep": [20, 60]}')
     assert load_bounds(toml) == load_bounds(text)
     assert load_bounds(toml).lower[0] == 20.0
-    assert load_bounds(toml).upper[1:] == paper_bounds().upper[1:]
+    assert load_bounds(toml).upper[1:] == policy_bounds().upper[1:]
 
 
 @pytest.mark.parametrize(

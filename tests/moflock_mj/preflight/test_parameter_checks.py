@@ -7,9 +7,9 @@ import math
 
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly
 from moflock_mj.parameters.points import load_point, point_names
-from moflock_mj.preflight.parameter_checks import offline_items
+from moflock_mj.preflight.parameter_checks import parameter_items
 from moflock_mj.preflight.results import CheckResult
 from moflock_mj.preflight.simulation_checks import fly_trials, trial_items
 from moflock_mj.scenario.acceptance import AcceptanceLimits
@@ -21,12 +21,12 @@ KNEE = load_point("knee")
 
 @pytest.mark.parametrize("name", [name for name in point_names() if name != "model_optimum"])
 def test_named_points_pass_in_the_papers_scenario(name):
-    wrong = [item for item in offline_items(load_point(name), Scenario()) if item.result is not CheckResult.PASS]
+    wrong = [item for item in parameter_items(load_point(name), Scenario()) if item.result is not CheckResult.PASS]
     assert wrong == []
 
 
 def test_the_model_optimum_is_beyond_the_papers_bounds():
-    wrong = [item.name for item in offline_items(paper_point("model_optimum"), Scenario()) if item.result != "pass"]
+    wrong = [item.name for item in parameter_items(load_point("model_optimum"), Scenario()) if item.result != "pass"]
     assert wrong == ["bounds of r0_shill", "bounds of v_shill"]
 
 
@@ -35,13 +35,13 @@ def test_the_model_optimum_is_beyond_the_papers_bounds():
     [
         ("bounds of c_frict", {"c_frict": 9.0}, {}),
         ("alignment begins outside repulsion", {"r0_frict": KNEE.r0_rep - 1}, {}),
-        ("repulsion within earshot", {}, {"r_comm": KNEE.r0_rep - 1}),
-        ("way until drones react to each other", {}, {"t_del": 3.0}),
+        ("repulsion within radio range", {}, {"r_comm": KNEE.r0_rep - 1}),
+        ("distance until drones react to each other", {}, {"t_del": 3.0}),
         ("braking at walls", {"a_shill": 9.0}, {"tilt_max": 0.3}),
         ("braking among drones", {"a_frict": 13.0}, {}),
         ("walls turn the flock", {"v_shill": 5.0}, {}),
         ("stopping distance", {}, {"arena_side": 20.0}),
-        ("room in the arena", {}, {"arena_side": 20.0}),
+        ("space in the arena", {}, {"arena_side": 20.0}),
         ("speeds", {}, {"v_flock": 7.0}),
         ("strength in this air", {}, {"wind": WindConfig(speed=30.0)}),
         ("loops", {}, {"a_max": 30.0}),
@@ -50,7 +50,7 @@ def test_the_model_optimum_is_beyond_the_papers_bounds():
     ],
 )
 def test_each_check_can_fail_and_says_what_to_do(name, params, scenario):
-    items = {item.name: item for item in offline_items(KNEE._replace(**params), Scenario(**scenario))}
+    items = {item.name: item for item in parameter_items(KNEE._replace(**params), Scenario(**scenario))}
     assert items[name].result is CheckResult.FAILURE
     assert items[name].advice
 
@@ -60,7 +60,7 @@ def test_the_margins_of_repulsion_are_those_of_its_loop():
     p, delay = 0.3, 1.0 + 0.2 / 2 + 0.05
     crossover = math.sqrt((math.sqrt(1 + 16 * p * p) - 1) / 2)
     margin = 90 - math.degrees(math.atan(crossover) + crossover * delay)
-    items = offline_items(KNEE._replace(p_rep=p), Scenario(), link_delay=0.05)
+    items = parameter_items(KNEE._replace(p_rep=p), Scenario(), link_delay=0.05)
     found = next(item for item in items if item.name == "phase margin of repulsion with 1050 ms of delay")
     assert found.value == pytest.approx(margin, abs=0.01)
 
@@ -68,7 +68,9 @@ def test_the_margins_of_repulsion_are_those_of_its_loop():
 def test_a_slower_link_costs_margin():
     margins = [
         next(
-            item.value for item in offline_items(KNEE, Scenario(), link_delay=delay) if "phase margin of r" in item.name
+            item.value
+            for item in parameter_items(KNEE, Scenario(), link_delay=delay)
+            if "phase margin of r" in item.name
         )
         for delay in (0.0, 0.5)
     ]

@@ -8,7 +8,7 @@ import os
 
 import pytest
 
-from moflock_mj import Scenario, paper_point
+from moflock_mj import Scenario, load_point
 from moflock_mj.errors import CheckFailedError, MoflockError, ReportError
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.preflight import report as report_module
@@ -25,7 +25,7 @@ from moflock_mj.preflight.results import CheckItem, CheckResult
 
 KEY, OTHER_KEY = SigningKey(bytes(range(32))), SigningKey(bytes(32))
 NOW = datetime.datetime(2026, 5, 4, 12, 0, tzinfo=datetime.UTC)
-POINT = paper_point("A")
+POINT = load_point("A")
 VEHICLES = tuple(CheckedVehicle(system=system, autopilot="px4", where=f"127.0.0.1:{system}") for system in (1, 2))
 GOOD = CheckItem(name="battery", about="vehicle 1", result=CheckResult.PASS, value=81.5, unit="%")
 WHOLE = Scenario(**{name: kind() for name, kind in Scenario.sections().items()})
@@ -39,6 +39,7 @@ def report_of(**changes):
             "signed_off_by": "somebody",
             "version": "1",
             "commit": "",
+            "policy": "vasarhelyi",
             "point": POINT._asdict(),
             "point_name": "A",
             "scenario": json.loads(json.dumps(WHOLE.to_dict())),
@@ -74,8 +75,8 @@ def test_a_report_comes_back_and_allows_its_deployment(path, key):
 @pytest.mark.parametrize(
     ("changes", "asked", "words"),
     [
-        ({"items": (GOOD, GOOD.model_copy(update={"grade": CheckResult.FAILURE}))}, {}, "failure: vehicle 1: battery"),
-        ({"items": (GOOD.model_copy(update={"grade": CheckResult.RUNNING}),)}, {}, "running: vehicle 1: battery"),
+        ({"items": (GOOD, GOOD.model_copy(update={"result": CheckResult.FAILURE}))}, {}, "failure: vehicle 1: battery"),
+        ({"items": (GOOD.model_copy(update={"result": CheckResult.RUNNING}),)}, {}, "running: vehicle 1: battery"),
         ({"items": ()}, {}, "nothing was checked"),
         ({"vehicles": ()}, {}, "without a live part"),
         ({}, {"now": NOW + datetime.timedelta(hours=1.5)}, "5400 s old: it must be at most 3600 s"),
@@ -96,7 +97,7 @@ def test_a_report_allows_no_other_deployment(changes, asked, words):
 
 
 def test_that_a_check_failed_is_said_of_the_deployment_that_it_is_of_alone():
-    failed = report_of(items=(GOOD.model_copy(update={"grade": CheckResult.FAILURE}),))
+    failed = report_of(items=(GOOD.model_copy(update={"result": CheckResult.FAILURE}),))
     with pytest.raises(CheckFailedError):
         refuse(failed)
     with pytest.raises(ReportError, match="another point"):
@@ -144,7 +145,7 @@ def test_a_seal_is_that_of_its_key(path, written, read, words):
 
 def test_somebody_who_strips_the_key_is_refused(path):
     """The seal of a whole report made anew without the key."""
-    write_report(report_of(items=(GOOD.model_copy(update={"grade": CheckResult.FAILURE}),)), path, KEY)
+    write_report(report_of(items=(GOOD.model_copy(update={"result": CheckResult.FAILURE}),)), path, KEY)
     write_report(report_of(), path, None)
     path.write_text(edited(path.read_text(), '"sealed_with_key": false', '"sealed_with_key": true'))
     with pytest.raises(ReportError, match="its seal is broken"):
@@ -174,11 +175,11 @@ def test_what_is_no_report_is_refused(path, content):
 @pytest.mark.parametrize(
     ("field", "value", "words"),
     [
-        ("point", {"r0_rep": 1.0}, "it must have the 12 parameters"),
+        ("point", {"r0_rep": 1.0}, "p_rep: missing"),
         ("point", POINT._asdict() | {"a_shill": float("nan")}, "finite"),
         ("point", POINT._asdict() | {"a_shill": -1.0}, "a_shill"),
         ("items", [GOOD.model_dump() | {"value": float("inf")}], "finite"),
-        ("items", [GOOD.model_dump() | {"grade": "splendid"}], "grade"),
+        ("items", [GOOD.model_dump() | {"result": "splendid"}], "result"),
         ("vehicles", [VEHICLES[0].model_dump() | {"system": 256}], "system"),
         ("time", "2026-05-04T12:00:00", "timezone"),
         ("signed_off_by", "", "signed_off_by"),

@@ -64,7 +64,7 @@ def test_a_good_vehicle_passes(station):
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "grade", "value"),
+    ("name", "changes", "result", "value"),
     [
         ("arming checks", {"SYS_STATUS": {"onboard_control_sensors_health": without(PREARM)}}, "running", "no reason"),
         ("sensors", {"SYS_STATUS": {"onboard_control_sensors_health": without(MAG)}}, "running", "3d_mag"),
@@ -195,7 +195,7 @@ def test_a_healthy_bit_does_not_hide_that_there_is_no_position():
 
 
 @pytest.mark.parametrize(
-    ("remaining", "capacity", "energy", "grade"),
+    ("remaining", "capacity", "energy", "result"),
     [
         (80, None, None, CheckResult.PASS),
         (49, None, None, CheckResult.FAILURE),

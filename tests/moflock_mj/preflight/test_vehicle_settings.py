@@ -109,7 +109,7 @@ def test_older_firmware_has_other_names_and_units(name, older, bad, good):
 
 
 @pytest.mark.parametrize(
-    ("shapes", "grade"),
+    ("shapes", "result"),
     [
         ((square(100.1),), CheckResult.PASS),
         ((Circle((0.0, 0.0), 142.0, True),), CheckResult.PASS),

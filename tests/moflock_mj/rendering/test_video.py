@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly, load_point
 from moflock_mj.errors import RenderError
 from moflock_mj.rendering.gl import find_gl
 from moflock_mj.rendering.interactive_viewer import Player, show
@@ -28,7 +28,7 @@ SCENARIO = Scenario(drones=4, duration=2.0, arena_side=60.0)
 
 
 def flown(point="A"):
-    return fly(paper_point(point), scenario=SCENARIO, dynamics="point_mass")
+    return fly(load_point(point), scenario=SCENARIO, dynamics="point_mass")
 
 
 def frames_of(path):

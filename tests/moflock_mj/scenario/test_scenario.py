@@ -57,7 +57,7 @@ def test_sections_there_and_back():
 
 
 def test_a_section_is_of_its_own_kind():
-    with pytest.raises(ScenarioError, match=r"wind: Imu.* is of the wrong type: it must be a Wind, or None"):
+    with pytest.raises(ScenarioError, match=r"wind: Imu.* is of the wrong type: it must be a WindConfig, or None"):
         Scenario(wind=ImuConfig())
     with pytest.raises(ScenarioError, match=r"imu\.gyro_noise: -1\.0 is out of bounds"):
         ImuConfig(gyro_noise=-1)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from moflock_mj import Flight, Scenario, fly, paper_point
+from moflock_mj import Flight, Scenario, fly, load_point
 from moflock_mj.errors import RenderError
 from moflock_mj.visualization.flight_figure import feasible_maxima, flight_figure, save_flight_figure
 
 
 def flown(point: str = "A", drones: int = 6, duration: float = 8.0, **given: object) -> Flight:
     scenario = Scenario(drones=drones, duration=duration, arena_side=120.0, start_spacing=5.0)
-    return fly(paper_point(point), scenario=scenario, dynamics="point_mass", **given)
+    return fly(load_point(point), scenario=scenario, dynamics="point_mass", **given)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from moflock_mj import Flight, Scenario, fly, paper_point
+from moflock_mj import Flight, Scenario, fly, load_point
 from moflock_mj.errors import RenderError
 from moflock_mj.visualization.html_page import write_page
 
@@ -27,7 +27,7 @@ HEADLESS = (
 
 def flown(point: str) -> Flight:
     scenario = Scenario(drones=8, duration=12.0, arena_side=120.0, start_spacing=5.0)
-    return fly(paper_point(point), scenario=scenario, dynamics="point_mass")
+    return fly(load_point(point), scenario=scenario, dynamics="point_mass")
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import pytest
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from moflock_mj import Scenario, paper_point
+from moflock_mj import Scenario, load_point
 from moflock_mj.errors import RenderError
 from moflock_mj.log.schemas import POINT, Metrics
 from moflock_mj.metrics.events import FlightEvent
@@ -32,14 +32,14 @@ SECONDS = 3.0
 
 def simulation(drones: int = 5, duration: float = SECONDS) -> Simulation:
     scenario = Scenario(drones=drones, duration=duration, arena_side=120.0, start_spacing=5.0)
-    return Simulation(paper_point("A"), scenario, "point_mass", 1)
+    return Simulation(load_point("A"), scenario, "point_mass", 1)
 
 
 def fly_live(flown: Simulation, server: LiveServer) -> list[Any]:
     """Fly as `fly` does, a second at a time."""
     records, samples = [], 0
     while not flown.finished:
-        record = flown.fly(1.0, whole_states=server.needs_states)
+        record = flown.run(1.0, whole_states=server.needs_states)
         time_ns = sample_times(flown.scenario, samples, len(record.nearest))
         samples += len(record.nearest)
         server.write(time_ns, record, [FlightEvent(int(time_ns[0]), "warning", "a second begins", 0)])
@@ -126,7 +126,7 @@ def test_samples_come_when_they_are_due() -> None:
 def test_without_a_client_a_second_of_flight_costs_less_than_a_fiftieth_of_its_flying() -> None:
     """A rigid-body flight of 30 drones takes 2 ms for each simulated second on a fast machine."""
     flown, seconds = simulation(), 2000
-    record = flown.fly(1.0)
+    record = flown.run(1.0)
     time_ns = sample_times(flown.scenario, 0, len(record.nearest))
     with LiveServer(flown, port=0, speed=math.inf) as server:
         began = time.process_time()

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, paper_point
+from moflock_mj import Scenario, fly, load_point
 from moflock_mj.errors import RenderError
 from moflock_mj.log.schemas import STATUS_RGBA
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
@@ -23,7 +23,7 @@ QUARTER_TURN = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 
 @pytest.fixture(scope="module")
 def flight():
-    return fly(paper_point("A"), scenario=SCENARIO, dynamics="point_mass")
+    return fly(load_point("A"), scenario=SCENARIO, dynamics="point_mass")
 
 
 @pytest.fixture(scope="module")

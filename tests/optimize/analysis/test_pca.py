@@ -9,7 +9,7 @@ import pytest
 
 from moflock_mj import Scenario
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.parameters.bounds import policy_bounds
 from optimize.analysis.pca import (
     agreement,
     components_json,
@@ -88,7 +88,7 @@ def test_weights_of_one_sign_make_no_two_objectives():
 
 @pytest.mark.parametrize("sampling", ["uniform", "latin_hypercube"])
 def test_random_points_lie_in_the_bounds_and_follow_their_generator(sampling):
-    bounds = paper_bounds()
+    bounds = policy_bounds()
     first, second = (random_points(bounds, 40, np.random.default_rng(7), sampling) for _ in range(2))
     np.testing.assert_array_equal(first, second)
     unit = bounds.to_unit(first)
@@ -101,7 +101,7 @@ def test_random_points_lie_in_the_bounds_and_follow_their_generator(sampling):
 
 def test_an_unknown_sampling_is_refused():
     with pytest.raises(SearchError, match="sobol"):
-        random_points(paper_bounds(), 10, np.random.default_rng(0), "sobol")
+        random_points(policy_bounds(), 10, np.random.default_rng(0), "sobol")
 
 
 def test_the_file_is_read_as_objectives_and_as_an_analysis(tmp_path):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from controllers.policies.vasarhelyi import VasarhelyiParams
-from moflock_mj.parameters.bounds import paper_bounds
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.bounds import policy_bounds
+from moflock_mj.parameters.points import load_point
 from optimize.analysis.sensitivity import one_at_a_time, sobol_indices
 from optimize.evaluation.evaluation import Evaluation
 from tests.optimize.cli.test_optimize import refused, run
@@ -20,7 +20,7 @@ class Linear:
 
     def evaluate(self, tasks):
         for task in tasks:
-            unit = paper_bounds().to_unit(task.params)
+            unit = policy_bounds().to_unit(task.params)
             row = [(3 * unit[0] + unit[1]) / 4, 4 * (unit[0] - 0.5) * (unit[1] - 0.5), 1, 1, 1, 1]
             fitness = np.array([row] * len(task.seeds))
             figures = np.zeros((len(task.seeds), 12))
@@ -29,7 +29,7 @@ class Linear:
 
 def test_indices_are_those_known_in_closed_form():
     """A sum's first-order indices are its weights squared; a centred product has none, and totals of 1."""
-    found = sobol_indices(Linear(), paper_bounds(), samples=512)
+    found = sobol_indices(Linear(), policy_bounds(), samples=512)
     np.testing.assert_allclose(found.first[0, :3], [0.9, 0.1, 0.0], atol=0.05)
     np.testing.assert_allclose(found.total[0, :3], [0.9, 0.1, 0.0], atol=0.05)
     np.testing.assert_allclose(found.first[1, :3], 0.0, atol=0.1)
@@ -39,7 +39,7 @@ def test_indices_are_those_known_in_closed_form():
 
 
 def test_one_parameter_at_a_time_goes_through_its_bounds():
-    point, bounds = paper_point("A"), paper_bounds()
+    point, bounds = load_point("A"), policy_bounds()
     found = one_at_a_time(Linear(), point, bounds, seeds=(1, 2), levels=3)
     assert found.values.shape == (12, 3)
     np.testing.assert_allclose(found.values[:, [0, -1]].T, [bounds.lower, bounds.upper])

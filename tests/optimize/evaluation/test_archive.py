@@ -11,7 +11,7 @@ import pytest
 
 from moflock_mj.errors import SearchError
 from moflock_mj.parameters.bounds import bounds_of
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.points import load_point
 from optimize.evaluation.evaluation import Evaluation, EvaluationTask, Job, infeasible
 from optimize.search.configuration import Configuration, SearchConfig
 from optimize.search.run_directory import RunDirectory
@@ -22,7 +22,7 @@ def some_evaluation(number, flights=2):
     rng = np.random.default_rng(number)
     return Evaluation(
         number=number,
-        params=paper_point("A")._replace(r0_rep=30 + rng.random()),
+        params=load_point("A")._replace(r0_rep=30 + rng.random()),
         seeds=tuple(rng.integers(1, 2**31, flights).tolist()),
         order_parameters=rng.random((flights, 6)),
         fitness=rng.random((flights, 6)),
@@ -60,7 +60,7 @@ def test_evaluations_come_back_bit_by_bit_in_the_order_of_their_numbers(tmp_path
 def test_an_infeasible_evaluation_comes_back(tmp_path):
     configuration = small_configuration()
     job = Job(scenario=configuration.scenario, dynamics="point_mass")
-    failed = infeasible(job, EvaluationTask(0, paper_point("A"), (1, 2)), "it\nwould not")
+    failed = infeasible(job, EvaluationTask(0, load_point("A"), (1, 2)), "it\nwould not")
     with RunDirectory.create(tmp_path / "run", configuration) as run:
         run.append(failed, 0)
         assert same(run.evaluations()[0], failed)
@@ -72,7 +72,7 @@ def test_the_configuration_comes_back(tmp_path):
     configuration = Configuration(
         bounds=bounds_of({"r0_rep": [20.1, 60.3]}),
         settings=SearchConfig(algorithm="nsga2", seeds=3, timeout=None),
-        start=(paper_point("A"), paper_point("B")._replace(r0_rep=20.1)),
+        start=(load_point("A"), load_point("B")._replace(r0_rep=20.1)),
     )
     RunDirectory.create(tmp_path / "run", configuration).close()
     with RunDirectory.open(tmp_path / "run") as run:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.points import load_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import EvaluationTask, Job, evaluate
 from optimize.evaluation.executors import make_executor
@@ -81,7 +81,7 @@ def wait_for_workers(executor, count):
 
 
 def tasks_of(count):
-    return [EvaluationTask(i, paper_point("A")._replace(r0_rep=31.0 + i / 10), (i, i + 1)) for i in range(count)]
+    return [EvaluationTask(i, load_point("A")._replace(r0_rep=31.0 + i / 10), (i, i + 1)) for i in range(count)]
 
 
 def test_a_worker_killed_in_the_middle_loses_nothing_and_nothing_counts_twice(tmp_path):

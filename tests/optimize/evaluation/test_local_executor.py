@@ -10,7 +10,7 @@ import pytest
 
 from moflock_mj.errors import MoflockError, SearchError
 from moflock_mj.flight import fly
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.points import load_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.coverage import coverage
 from optimize.evaluation.evaluation import EvaluationTask, Job, evaluate
@@ -23,9 +23,7 @@ LONG = TINY.replace(drones=30, duration=20_000.0)
 
 
 def tasks_of(count, seeds=(1, 2)):
-    return [
-        EvaluationTask(i, paper_point("A" if i % 2 else "B")._replace(r0_rep=31.0 + i), seeds) for i in range(count)
-    ]
+    return [EvaluationTask(i, load_point("A" if i % 2 else "B")._replace(r0_rep=31.0 + i), seeds) for i in range(count)]
 
 
 def gather(executor, tasks):
@@ -49,9 +47,9 @@ def children():
 
 def test_an_evaluation_is_the_flight_of_each_seed():
     job = Job(scenario=TINY, dynamics="point_mass", coverage=True)
-    found = evaluate(job, EvaluationTask(7, paper_point("A"), (3, 4)))
+    found = evaluate(job, EvaluationTask(7, load_point("A"), (3, 4)))
     assert (found.number, found.outcome, found.fitness.shape) == (7, "ok", (2, 7))
-    flight = fly(paper_point("A"), scenario=TINY, dynamics="point_mass", seed=4)
+    flight = fly(load_point("A"), scenario=TINY, dynamics="point_mass", seed=4)
     np.testing.assert_array_equal(found.order_parameters[1], flight.order_parameters)
     np.testing.assert_array_equal(found.fitness[1, :6], flight.fitness[:6])
     assert found.fitness[1, 6] == coverage(flight.samples.position, TINY.arena_side)[-1]
@@ -60,14 +58,14 @@ def test_an_evaluation_is_the_flight_of_each_seed():
 @pytest.mark.parametrize("dynamics", ["point_mass", "rigid_body"])
 def test_common_random_numbers_and_seeds_that_differ(dynamics):
     job = Job(scenario=TINY.replace(duration=2.0, step=None), dynamics=dynamics)
-    one, two = (evaluate(job, EvaluationTask(0, paper_point("A"), (5, 6))) for _ in range(2))
+    one, two = (evaluate(job, EvaluationTask(0, load_point("A"), (5, 6))) for _ in range(2))
     np.testing.assert_array_equal(one.fitness, two.fitness)
     assert (one.order_parameters[0] != one.order_parameters[1]).any()
 
 
 def test_a_point_that_cannot_be_flown_is_infeasible_and_not_nan():
     found = evaluate(
-        Job(scenario=TINY, dynamics="point_mass"), EvaluationTask(0, paper_point("A")._replace(p_frict=-1.0), (1,))
+        Job(scenario=TINY, dynamics="point_mass"), EvaluationTask(0, load_point("A")._replace(p_frict=-1.0), (1,))
     )
     assert found.outcome.startswith("p_frict: -1.0 is out of bounds")
     assert found.fitness.tolist() == [[0.0] * 6]

@@ -10,7 +10,8 @@ import time
 
 import pytest
 
-from moflock_mj.parameters.points import paper_point
+from controllers.policies.vasarhelyi import VASARHELYI
+from moflock_mj.parameters.points import load_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation import resumable
 from optimize.evaluation.archive import Archive
@@ -151,13 +152,13 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
 
 def test_what_failed_or_is_damaged_is_flown_again(tmp_path):
     job = Job(scenario=Scenario(), dynamics="point_mass")
-    tasks = [EvaluationTask(number, paper_point("A"), (number,)) for number in range(6)]
-    with Archive(tmp_path) as archive:
+    tasks = [EvaluationTask(number, load_point("A"), (number,)) for number in range(6)]
+    with Archive(tmp_path, VASARHELYI) as archive:
         first = list(ResumableEvaluator(FakeExecutor(job, fails=[2]), archive).evaluate(tasks))
     assert [flown.number for flown in first if flown.outcome != "ok"] == [2]
     with contextlib.closing(sqlite3.connect(tmp_path / "archive.sqlite")) as connection, connection:
         connection.execute("UPDATE evaluations SET r0_rep = 31.0 WHERE number = 4")
-    with Archive(tmp_path) as archive:
+    with Archive(tmp_path, VASARHELYI) as archive:
         executor = FakeExecutor(job)
         again = list(ResumableEvaluator(executor, archive).evaluate(tasks))
     assert executor.flown == [2, 4]

@@ -30,9 +30,10 @@ def make(name, noise="refly", seed=1, budget=600, population=12, seeds=1):
     objectives = 1 if name in SINGLE_OBJECTIVE else 2
     policy = noise_policy(noise, population)
     return BudgetAllocator(
-        make_algorithm(name, objectives, population, seed, offspring_per_slot=policy.offspring_per_slot),
+        make_algorithm(name, 12, objectives, population, seed, offspring_per_slot=policy.offspring_per_slot),
         policy,
         population=population,
+        dimensions=12,
         objectives=objectives,
         seeds=seeds,
         budget=budget,
@@ -111,7 +112,7 @@ def test_leaders_fly_again():
 @pytest.mark.parametrize("name", ["nsga2", "unsga3"])
 def test_of_a_brood_the_most_promising_fly(name):
     """All that is known of points is how far their first coordinate is: only those far along it are flown."""
-    algorithm = make_algorithm(name, 2, 10, 1, offspring_per_slot=20)
+    algorithm = make_algorithm(name, 12, 2, 10, 1, offspring_per_slot=20)
     offspring = []
 
     def predict(points):
@@ -129,18 +130,18 @@ def test_of_a_brood_the_most_promising_fly(name):
 @pytest.mark.parametrize("name", ["nsga2", "unsga3"])
 def test_points_to_start_from_are_in_the_first_generation_and_random_ones_fill_it_up(name):
     start = np.full((3, 12), 0.25) + np.arange(3)[:, None] / 10
-    first = make_algorithm(name, 2, 10, 1, start=start).ask(nothing_known)
+    first = make_algorithm(name, 12, 2, 10, 1, start=start).ask(nothing_known)
     assert len(first) == 10
     np.testing.assert_array_equal(first[:3], start)
     assert len(np.unique(first[3:, 0])) == 7
     offspring = []
-    make_algorithm(name, 2, 10, 1, offspring_per_slot=4, first_brood=4, start=start).ask(offspring.append)
+    make_algorithm(name, 12, 2, 10, 1, offspring_per_slot=4, first_brood=4, start=start).ask(offspring.append)
     assert len(offspring[0]) == 40
     np.testing.assert_array_equal(offspring[0][:3], start)
 
 
 def test_what_may_turn_out_better_is_flown_before_what_is_sure():
-    algorithm = make_algorithm("nsga2", 2, 10, 1, offspring_per_slot=20)
+    algorithm = make_algorithm("nsga2", 12, 2, 10, 1, offspring_per_slot=20)
     algorithm.tell(lambda points: np.full((len(points), 2), 0.5), algorithm.ask(nothing_known)[:0])
     flown = algorithm.ask(
         lambda points: Prediction(np.full((len(points), 2), 0.5), np.repeat(points[:, 1:2], 2, axis=1))
@@ -149,7 +150,7 @@ def test_what_may_turn_out_better_is_flown_before_what_is_sure():
 
 
 def test_an_unbounded_search_leaves_the_cube():
-    algorithm = make_algorithm("cmaes", 1, 12, 1, unbounded=True)
+    algorithm = make_algorithm("cmaes", 12, 1, 12, 1, unbounded=True)
     for _ in range(10):
         points = algorithm.ask(nothing_known)
         algorithm.tell(lambda points: points.sum(axis=1, keepdims=True), points[:0])
@@ -171,7 +172,7 @@ def test_a_search_in_which_all_is_infeasible_goes_on():
 
 
 def test_the_memory_judges_and_lets_those_lead_that_flew_least():
-    memory, points = EvaluationHistory(2), np.random.default_rng(1).random((3, 12))
+    memory, points = EvaluationHistory(12, 2), np.random.default_rng(1).random((3, 12))
     memory.add(points, np.array([[[1.0, 0.0]], [[0.0, 1.0]], [[0.0, 0.0]]]))
     memory.add(points[:1], np.array([[[1.0, 0.0]]]))
     np.testing.assert_allclose(memory.judge(points[[1, 0]]), [[0.0, 1.0], [1.0, 0.0]])

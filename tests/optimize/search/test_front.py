@@ -12,7 +12,7 @@ import pytest
 from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj import Scenario, load_point
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.bounds import paper_bounds
+from moflock_mj.parameters.bounds import policy_bounds
 from moflock_mj.scenario import effect_configs
 from optimize.evaluation.batch import evaluate_batch, fresh_seeds
 from optimize.evaluation.evaluation import Evaluation
@@ -52,8 +52,13 @@ def trade_off():
 
 def points(*pairs):
     """Points whose objectives with `trade_off` are these."""
-    middle = VasarhelyiParams(*np.mean([paper_bounds().lower, paper_bounds().upper], axis=0))
+    middle = VasarhelyiParams(*np.mean([policy_bounds().lower, policy_bounds().upper], axis=0))
     return np.array([middle._replace(c_shill=f_1, v_frict=3 * f_2) for f_1, f_2 in pairs])
+
+
+def params(*pairs):
+    """The same as parameters of the policy."""
+    return [VasarhelyiParams(*point) for point in points(*pairs).tolist()]
 
 
 def flown(*pairs, seeds=4):
@@ -63,6 +68,7 @@ def flown(*pairs, seeds=4):
         objectives=PAPER,
         scenario=SCENARIO,
         dynamics="point_mass",
+        policy="vasarhelyi",
         seeds=fresh_seeds(seeds),
         origin={"algorithm": "none"},
     )
@@ -102,7 +108,7 @@ def test_seeds_are_fresh():
 
 
 def test_answers_in_any_order_find_their_point_and_seed():
-    answers = evaluate_batch(trade_off(), points((0.4, 0.3), (0.6, 0.5)), [[1, 2], [3, 4]])
+    answers = evaluate_batch(trade_off(), params((0.4, 0.3), (0.6, 0.5)), [[1, 2], [3, 4]])
     np.testing.assert_allclose(answers.fitness[:, :, 0], [[0.405, 0.395], [0.605, 0.595]])
 
 
@@ -112,7 +118,7 @@ def test_failed_flights_are_counted_and_worth_nothing():
             ok = task.seeds[0] != 2
             yield evaluation(task, np.full((1, 6), float(ok)), "ok" if ok else "worker died")
 
-    answers = evaluate_batch(types.SimpleNamespace(evaluate=evaluate), points((0.5, 0.5)), [[1, 2, 3]])
+    answers = evaluate_batch(types.SimpleNamespace(evaluate=evaluate), params((0.5, 0.5)), [[1, 2, 3]])
     np.testing.assert_array_equal(answers.failed, [1])
     np.testing.assert_array_equal(answers.fitness[0, :, 0], [1, 0, 1])
 

@@ -163,7 +163,7 @@ def test_few_points_and_equal_ones(count):
 
 
 def test_of_too_many_points_the_surest_and_latest_are_taken(monkeypatch):
-    monkeypatch.setattr(gaussian_process, "MOST", 20)
+    monkeypatch.setattr(gaussian_process, "MAX_POINTS", 20)
     flights = noisy([1] * 30 + [5] * 10)
     found = GaussianProcess(flights).mean()
     assert (found[:20] == flights.mean[:20]).all()

@@ -9,7 +9,7 @@ import pytest
 
 from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.points import paper_point
+from moflock_mj.parameters.points import load_point
 from optimize.evaluation.evaluation import EvaluationTask
 from optimize.search.estimates import hypervolume
 from optimize.search.front import candidates
@@ -227,7 +227,7 @@ def test_rows_of_point_masses_that_are_damaged_are_flown_again(tmp_path):
 
 
 def test_a_search_starts_from_points_and_resumes_the_same(tmp_path):
-    start = (paper_point("A"), paper_point("B"))
+    start = (load_point("A"), load_point("B"))
     configuration = small_configuration(seeds=2, budget=80).replace(start=start)
     expected, _ = searched(tmp_path / "whole", configuration)
     flown = [np.array(params) for generation, _, params, *_ in expected if generation == 0]

@@ -45,6 +45,7 @@ def test_runs_are_scored_on_the_same_number_of_seeds():
         objectives=PAPER,
         scenario=TINY,
         dynamics="point_mass",
+        policy="vasarhelyi",
         seeds=(1, 2, 3),
         points=np.zeros((2, 12)),
         fitness=fitness,

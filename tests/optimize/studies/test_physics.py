@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.points import load_point, named_point
+from moflock_mj.parameters.points import load_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.objectives import PAPER
 from optimize.search.front import ReevaluatedFront, load_front
@@ -25,6 +25,7 @@ def front_of(fitness, points=None):
         objectives=PAPER,
         scenario=TINY,
         dynamics="point_mass",
+        policy="vasarhelyi",
         seeds=tuple(range(1, fitness.shape[1] + 1)),
         points=np.zeros((len(fitness), 12)) if points is None else points,
         fitness=fitness,
@@ -38,7 +39,7 @@ def found_there():
     fitness = np.ones((3, 4, 6))
     fitness[:, :, 1] = [[0.9], [0.8], [0.6]]
     fitness[:, :, 2] = [[0.5], [0.8], [0.9]]
-    return front_of(fitness, np.array([named_point(name) for name in ("fast", "knee", "cohesive")]))
+    return front_of(fitness, np.array([load_point(name) for name in ("fast", "knee", "cohesive")]))
 
 
 def test_the_study_searches_in_three_ways_and_flies_nothing_twice(tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from moflock_mj.errors import SearchError
-from moflock_mj.parameters.points import dump_point, paper_point
+from moflock_mj.parameters.points import dump_point, load_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import FIGURE_NAMES, EvaluationTask, Job, infeasible
 from optimize.studies.validation import POINTS, make_study
@@ -36,7 +36,7 @@ def rows_of(path):
 def validated(tmp_path_factory):
     path = tmp_path_factory.mktemp("validate") / "run"
     point = path.parent / "mine.json"
-    point.write_text(dump_point(paper_point("B")._replace(v_frict=1.0)))
+    point.write_text(dump_point(load_point("B")._replace(v_frict=1.0)))
     done = run("validate", "A", point, "--seeds", 2, "--fault-seeds", 1, *TINY, "--out", path)
     assert done.returncode == 0, done.stderr
     return path, done.stdout
@@ -115,7 +115,7 @@ def test_what_a_fault_brings_down_by_itself_is_not_lost_to_others():
     """One drone lost: the one that was switched off, but by a blackout an innocent one."""
     scenario = Scenario(drones=5)
     faults = {name: standard_faults(scenario)[name] for name in ("switched_off", "blackout")}
-    job, task = Job(scenario=scenario, dynamics="rigid_body"), EvaluationTask(0, paper_point("A"), (1,))
+    job, task = Job(scenario=scenario, dynamics="rigid_body"), EvaluationTask(0, load_point("A"), (1,))
     one, three, failed = (infeasible(job, task, "as for a test") for _ in range(3))
     for flown, lost in ((one, 1), (three, 3)):
         flown.figures[0] = 0.0
