@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from moflock_mj.scenario.scenario import Scenario as Scenario
     from moflock_mj.simulation.results import Flight as Flight
     from moflock_mj.simulation.simulation import Simulation as Simulation
-    from moflock_mj.world.square import SquareArena as SquareArena
+    from moflock_mj.world.square import Square as Square
 
 _MODULES = {
     "BatteryConfig": "moflock_mj.scenario.effect_configs",
@@ -64,7 +64,7 @@ _MODULES = {
     "PointMassConfig": "moflock_mj.scenario.effect_configs",
     "Scenario": "moflock_mj.scenario.scenario",
     "Simulation": "moflock_mj.simulation.simulation",
-    "SquareArena": "moflock_mj.world.square",
+    "Square": "moflock_mj.world.square",
     "VasarhelyiParams": "controllers.policies.vasarhelyi",
     "WindConfig": "moflock_mj.scenario.effect_configs",
     "fly": "moflock_mj.flight",

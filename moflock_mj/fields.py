@@ -69,6 +69,8 @@ def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> No
     """
     for field in dataclasses.fields(record):
         name, value = prefix + field.name, getattr(record, field.name)
+        if "arena" in field.metadata:
+            continue
         if "section" in field.metadata:
             kind = field.metadata["section"]
             may_be_off = field.default is None

@@ -180,7 +180,7 @@ def _body_figures(simulation: Simulation) -> BodyFigures | None:
     drone_steps = statistics.saturated.size * max(int(statistics.steps[0]), 1)
     return BodyFigures(
         touched=int(np.sum(statistics.touch_step >= 0)),
-        lost=int(np.sum(simulation.body.dynamics.qpos[:, 2] < simulation.scenario.altitude / 2)),
+        lost=int(np.sum(simulation.body.dynamics.state.qpos[:, 2] < simulation.scenario.altitude / 2)),
         tilt_max=float(np.arccos(np.clip(statistics.upright.min(), -1, 1))),
         altitude_error_max=float(statistics.altitude_error.max()),
         saturated_share=float(statistics.saturated.sum() / drone_steps),

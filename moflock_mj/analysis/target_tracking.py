@@ -107,7 +107,7 @@ def track_target(
         raise ScenarioError(
             f"duration: {scenario.duration:g} s is too short: it must be over the {transient:g} s of transient"
         )
-    simulation = Simulation(with_target(params, target, scenario.arena_side), scenario, dynamics, seed)
+    simulation = Simulation(with_target(params, target, 2 * max(scenario.arena.extent())), scenario, dynamics, seed)
     flight = continue_flight(simulation, log=log, progress=progress)
     samples = cast("Samples", flight.samples)
     distance = target_distance(samples.position, target)

@@ -9,16 +9,16 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from controllers.policies.interface import Observation, SpeedLimits
+from controllers.policies.interface import Observation
 from moflock_mj.deployment.loop_health import Health
 from moflock_mj.deployment.member import IN_OUR_HANDS, IN_THE_AIR, Member, Stage
 from moflock_mj.deployment.setpoint_timing import Latency
-from moflock_mj.deployment.steering import FlockMembers, steer
+from moflock_mj.deployment.steering import FlockRoles, steer
 from moflock_mj.deployment.watchdogs import SLOWED, Action, Alarm, VehicleSnapshot, Watchdogs, alarms
 from moflock_mj.ground_station.piloting import STREAM_FIRST, FlightTask, velocity_setpoint
 from moflock_mj.ground_station.station import GroundStation
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.world.square import SquareArena
+from moflock_mj.simulation.setup import FlightSetup
 
 PERIOD = 0.05
 """s, between two setpoints to each vehicle: PX4 wants more than 2 Hz, and both are smooth at 20."""
@@ -75,19 +75,18 @@ class Controller:
     ) -> None:
         self.scenario = scenario
         self.members = list(members)
-        self.arena = SquareArena(scenario.arena_side)
+        self.arena = scenario.arena
         self.flocking = False
         self.desired = np.zeros((2, len(self.members)))
         self.latency = Latency(PERIOD, len(self.members))
         self.health = Health(PERIOD)
-        self._params = params
-        self._limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
+        self._setup = FlightSetup.resolve(params, scenario)
         self._ground = ground
         self._rivals: set[str] = set()
         self._watchdogs = watchdogs
         self._recorder = recorder
         self._observation = Observation.empty(len(self.members), self.arena.walls)
-        self._members = FlockMembers.none(len(self.members))
+        self._roles = FlockRoles.none(len(self.members))
 
     async def run(self) -> None:
         """Tick in time until cancelled."""
@@ -168,7 +167,7 @@ class Controller:
                 battery=vehicle.battery,
                 nearest=nearest[member.number] if member.stage is Stage.FLOCKING else math.inf,
             )
-            found = alarms(look, self._watchdogs, self.arena.side / 2, self.scenario.tau)
+            found = alarms(look, self._watchdogs, self.arena, self.scenario.tau)
             self._act(member, found, now)
 
     def _watch_ids(self) -> None:
@@ -207,17 +206,18 @@ class Controller:
 
     def _steer(self) -> None:
         """Let the policy fly those of the flock; the others' velocities are zero."""
-        observation, members = self._observation, self._members
+        observation, roles = self._observation, self._roles
         for member in self.members:
             i, (x, y, spread) = member.number, member.expected_place()
             flocks = member.stage is Stage.FLOCKING
             observation.own_position[:, i] = member.position[:2]
             observation.own_velocity[:, i] = observation.received_velocity[:, i] = member.velocity[:2]
             observation.received_position[:, i] = member.position[:2] if flocks else (x, y)
-            members.agents[i] = flocks
-            members.avoided[i] = self._is_in_the_way(member)
-            members.keep_off[i] = self._watchdogs.keep_off + spread
-        steer(self._params, self._limits, self.arena, self.scenario.r_comm, members, observation, self.desired)
+            roles.agents[i] = flocks
+            roles.avoided[i] = self._is_in_the_way(member)
+            roles.keep_off[i] = self._watchdogs.keep_off + spread
+        setup = self._setup
+        steer(setup.params, setup.limits, setup.arena, self.scenario.r_comm, roles, observation, self.desired)
         for member in self.members:
             if member.slowed:
                 self.desired[:, member.number] *= SLOWED

@@ -104,16 +104,14 @@ def check_start(members: Sequence[Member], scenario: Scenario, watchdogs: Watchd
     Raises:
         DeploymentError: the first thing that is wrong.
     """
-    half = scenario.arena_side / 2
+    arena = scenario.arena
     for member in members:
         vehicle, (x, y, _) = member.vehicle, member.position
         if vehicle.armed or vehicle.landed is False:
             raise DeploymentError(f"{vehicle}: is armed or flies already; it must stand disarmed")
-        if max(abs(x), abs(y)) > half:
+        if arena.distance_outside((x, y)) > 0:
             where = f"{x:.0f}, {y:.0f} m" if max(abs(x), abs(y)) < _AWAY_MAX else "far away"
-            raise DeploymentError(
-                f"{vehicle}: stands outside of the arena ({where} from its middle; half of its side is {half:g} m)"
-            )
+            raise DeploymentError(f"{vehicle}: stands outside of the {arena.title} ({where} from its middle)")
         if vehicle.battery is not None and vehicle.battery < watchdogs.battery.limit:
             share = f"{100 * vehicle.battery:.0f} %"
             raise DeploymentError(

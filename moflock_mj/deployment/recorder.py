@@ -28,9 +28,9 @@ from moflock_mj.log.writer import FlightLog
 from moflock_mj.mavlink.frames import frd_of_flu, quaternion_of_euler
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness, fitness_of
-from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges, OrderParameters
+from moflock_mj.metrics.order_parameters import MetricAccumulator, OrderParameters
 from moflock_mj.scenario.scenario import DEPLOYED, Scenario
-from moflock_mj.world.square import SquareArena
+from moflock_mj.simulation.setup import FlightSetup
 from moflock_mj.world.state import TrueState
 
 _BLOCK = 10
@@ -92,8 +92,8 @@ class DeploymentRecorder:
         self._members = members
         self._clock = clock
         self._say = say
-        self._arena = SquareArena(scenario.arena_side)
-        self._ranges = MetricRanges(spec_of(params).interaction_range(params, scenario.v_flock), scenario.r_coll)
+        self._arena = scenario.arena
+        self._setup = FlightSetup.resolve(params, scenario)
         drones = len(members)
         self._world = TrueState.at_rest(drones)
         self._accumulator = MetricAccumulator.empty(drones, self._arena.walls)
@@ -194,10 +194,10 @@ class DeploymentRecorder:
                 qpos[i, 3:] = quaternion_of_euler(attitude.roll, -attitude.pitch, math.pi / 2 - attitude.yaw)
                 qvel[i, 3:] = frd_of_flu((attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed))
         counts = flock.flocking and self.flocked >= self._scenario.warm_up
-        nearest = score(self._world, self._arena, self._ranges, counts, self._accumulator, self._running)
+        nearest = score(self._world, self._setup.arena, self._setup.ranges, counts, self._accumulator, self._running)
         if counts:
             self._nearest = min(self._nearest, nearest)
-            beyond = float(np.abs(self._world.position[:2]).max()) - self._scenario.arena_side / 2
+            beyond = float(self._arena.distance_outside(self._world.position.T).max())
             self._outside = max(self._outside, beyond)
         return qpos, qvel, flock.desired.T.copy(), SEVERITY[self._accumulator.status], self._running.copy()
 
@@ -228,7 +228,7 @@ def _open(path: Path, params: NamedTuple, scenario: Scenario, more: Mapping[str,
         LogHeader(
             metadata=metadata,
             attachments=flight_attachments(scenario, params, step, metadata),
-            outline=SquareArena(scenario.arena_side).outline(),
+            outline=scenario.arena.outline(),
             altitude=scenario.altitude,
             drones=scenario.drones,
             radius=load_airframe(scenario.airframe).radius,

@@ -15,7 +15,6 @@ from controllers.compiling import entry_kernel, kernel
 from controllers.geometry import clip_length
 from controllers.policies.braking import braking_curve
 from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
-from controllers.policies.registry import spec_of
 from moflock_mj.metrics.order_parameters import (
     MetricAccumulator,
     MetricRanges,
@@ -23,7 +22,7 @@ from moflock_mj.metrics.order_parameters import (
     write_running,
 )
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.world.square import SquareArena
+from moflock_mj.simulation.setup import FlightSetup
 from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
@@ -33,7 +32,7 @@ _SLOPE = 1.0
 """1/s, of the last metres of that."""
 
 
-class FlockMembers(NamedTuple):
+class FlockRoles(NamedTuple):
     """Which drones fly by the policy, and which others they keep off.
 
     Attributes:
@@ -48,7 +47,7 @@ class FlockMembers(NamedTuple):
     keep_off: NDArray[np.float64]
 
     @classmethod
-    def none(cls, drones: int) -> FlockMembers:
+    def none(cls, drones: int) -> FlockRoles:
         return cls(np.zeros(drones, np.uint8), np.zeros(drones, np.uint8), np.zeros(drones))
 
 
@@ -58,7 +57,7 @@ def steer(
     limits: SpeedLimits,
     arena: NamedTuple,
     r_comm: float,
-    members: FlockMembers,
+    roles: FlockRoles,
     observation: Observation,
     out: NDArray[np.float64],
 ) -> None:
@@ -69,38 +68,37 @@ def steer(
         limits: speeds of the scenario, m/s.
         arena: where the walls are.
         r_comm: m, up to which drones heed each other.
-        members: who flies by the policy.
+        roles: who flies by the policy.
         observation: positions and velocities as telemetry has them, own and heard; neighbours and walls are written.
         out: (2, N), m/s, world; written.
     """
-    _find_agents(r_comm, members, observation)
+    _find_agents(r_comm, roles, observation)
     locate_walls(arena, observation.own_position, observation.wall_distance, observation.wall_normal)
     desired_velocity(params, limits, observation, out)
     for i in range(out.shape[1]):
-        if members.agents[i]:
-            _keep_off(limits, members, observation, i, out)
+        if roles.agents[i]:
+            _keep_off(limits, roles, observation, i, out)
         else:
             out[0, i] = out[1, i] = 0.0
 
 
 def compile_policy(params: NamedTuple, scenario: Scenario) -> None:
     """Compile what steers and judges a flock, which takes some 20 s once on a machine, before anybody listens."""
-    arena, world = SquareArena(scenario.arena_side), TrueState.at_rest(2)
-    limits = SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max)
-    observation = Observation.empty(2, arena.walls)
-    steer(params, limits, arena, scenario.r_comm, FlockMembers.none(2), observation, np.zeros((2, 2)))
-    ranges = MetricRanges(spec_of(params).interaction_range(params, scenario.v_flock), scenario.r_coll)
-    score(world, arena, ranges, False, MetricAccumulator.empty(2, arena.walls), np.zeros(6))
+    setup, walls = FlightSetup.resolve(params, scenario), scenario.arena.walls
+    observation = Observation.empty(2, walls)
+    steer(setup.params, setup.limits, setup.arena, scenario.r_comm, FlockRoles.none(2), observation, np.zeros((2, 2)))
+    accumulator = MetricAccumulator.empty(2, walls)
+    score(TrueState.at_rest(2), setup.arena, setup.ranges, False, accumulator, np.zeros(6))
 
 
 @kernel
-def _find_agents(r_comm: float, members: FlockMembers, observation: Observation) -> None:
+def _find_agents(r_comm: float, roles: FlockRoles, observation: Observation) -> None:
     """List whom each agent heeds: the other agents within r_comm."""
     x, y = observation.own_position
     observation.neighbour_count[:] = 0
     for i in range(x.size):
         for j in range(x.size):
-            if i != j and members.agents[i] and members.agents[j]:
+            if i != j and roles.agents[i] and roles.agents[j]:
                 rx, ry = observation.received_position[0, j] - x[i], observation.received_position[1, j] - y[i]
                 if rx * rx + ry * ry < r_comm * r_comm:
                     observation.neighbours[i, observation.neighbour_count[i]] = j
@@ -109,12 +107,12 @@ def _find_agents(r_comm: float, members: FlockMembers, observation: Observation)
 
 @kernel
 def _keep_off(
-    limits: SpeedLimits, members: FlockMembers, observation: Observation, i: int, out: NDArray[np.float64]
+    limits: SpeedLimits, roles: FlockRoles, observation: Observation, i: int, out: NDArray[np.float64]
 ) -> None:
     """Cut drone i's velocity towards each shunned drone to what it can brake in time; too near, make it go away."""
     vx, vy = out[0, i], out[1, i]
     for j in range(out.shape[1]):
-        if not members.avoided[j]:
+        if not roles.avoided[j]:
             continue
         rx = observation.received_position[0, j] - observation.own_position[0, i]
         ry = observation.received_position[1, j] - observation.own_position[1, i]
@@ -122,7 +120,7 @@ def _keep_off(
         if distance == 0:
             continue
         nx, ny = rx / distance, ry / distance
-        room = distance - members.keep_off[j]
+        room = distance - roles.keep_off[j]
         allowed = braking_curve(room, _BRAKING, _SLOPE) if room > 0 else max(_SLOPE * room, -limits.v_rep_max)
         # One that comes nearer by itself leaves less; one that flees is not followed faster.
         allowed += min(nx * observation.received_velocity[0, j] + ny * observation.received_velocity[1, j], 0.0)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from moflock_mj.errors import DeploymentError
 from moflock_mj.mavlink.frames import Triple
+from moflock_mj.world.arena import Arena
 
 
 class Action(enum.StrEnum):
@@ -133,17 +134,17 @@ class Alarm(NamedTuple):
     text: str
 
 
-def alarms(look: VehicleSnapshot, watchdogs: Watchdogs, half_side: float, stopping: float) -> list[Alarm]:
+def alarms(look: VehicleSnapshot, watchdogs: Watchdogs, arena: Arena, stopping: float) -> list[Alarm]:
     """What is wrong with a vehicle, the worst first.
 
     Args:
         look: at the vehicle.
         watchdogs: limits and actions.
-        half_side: m, from the arena's middle to its walls.
+        arena: where the vehicle may be.
         stopping: s, of its speed, that it takes to brake.
     """
     x, y = (look.position[axis] + stopping * look.velocity[axis] for axis in range(2))
-    beyond = max(abs(x), abs(y)) - half_side
+    beyond = float(arena.distance_outside((x, y)))
     found = []
     if look.silence > watchdogs.lost.limit:
         found.append(Alarm("lost", watchdogs.lost.action, f"nothing heard of it for {look.silence:.1f} s"))

@@ -37,63 +37,93 @@ class FlightStatistics(NamedTuple):
     power: NDArray[np.float64]
 
 
-class RigidBody(NamedTuple):
-    """N bodies in one MuJoCo model, as the compiled loop sees them; arrays of MuJoCo's are views.
+class Effects(NamedTuple):
+    """What air, wear and failure do to the bodies; each is Off or a named tuple, whose type chooses its stages.
 
     Attributes:
-        gains: of the controllers, with the vehicle's figures.
-        controller: the gains once more, or Off where others write `thrust_command`.
+        disturbance: see `moflock_mj.effects.disturbance`.
+        wind: see `moflock_mj.effects.wind`.
+        drag: see `moflock_mj.effects.drag`.
+        downwash: see `moflock_mj.effects.downwash`.
+        ground_effect: see `moflock_mj.effects.ground_effect`.
+        battery: see `moflock_mj.effects.battery`.
+        imu: see `moflock_mj.sensing.imu`.
+        faults: see `moflock_mj.effects.fault_injection`.
+    """
+
+    disturbance: NamedTuple
+    wind: NamedTuple
+    drag: NamedTuple
+    downwash: NamedTuple
+    ground_effect: NamedTuple
+    battery: NamedTuple
+    imu: NamedTuple
+    faults: NamedTuple
+
+
+class BodyModel(NamedTuple):
+    """Constants of N bodies in one MuJoCo model.
+
+    Attributes:
+        gains: of the controllers, with the figures of the airframe.
         step: s.
-        altitude: (N,), m, to be held.
-        stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
-        outer: see `moflock_mj.effects.disturbance`, or Off.
-        wind: the air, see `moflock_mj.effects.wind`.
-        drag: of the air, see `moflock_mj.effects.drag`, or Off; so are downwash and ground.
-        downwash: of the drones on those below them.
-        ground: under the rotors.
-        battery: of each drone, see `moflock_mj.effects.battery`, or Off.
-        power_factor: W/N^1.5, see `moflock_mj.effects.battery`.
-        imu: on board, see `moflock_mj.sensing.imu`, or Off.
-        faults: see `moflock_mj.effects.fault_injection`, or Off.
         reach: m, from a body's centre to the farthest point of its collision shape.
-        model: address of the model.
-        model_apart: address of the same model without collision detection.
-        data: address of the data.
+        power_factor: W/N^1.5, see `moflock_mj.effects.rotor_power`.
+        mujoco: address of the MuJoCo model.
+        mujoco_apart: address of the same model without collision detection.
+        data: address of the MuJoCo data.
+    """
+
+    gains: Gains
+    step: float
+    reach: float
+    power_factor: float
+    mujoco: int
+    mujoco_apart: int
+    data: int
+
+
+class BodyState(NamedTuple):
+    """State of N bodies; the first five are views of MuJoCo's arrays.
+
+    Attributes:
         qpos: (N, 7), position m world, quaternion w x y z.
         qvel: (N, 6), velocity m/s world, body rates rad/s body.
         qacc: (N, 6), acceleration m/s^2 world, angular rad/s^2 body, of the latest step.
         qfrc_applied: (N, 6), force N world, torque N m body.
         qfrc_constraint: (N, 6), what contacts did in the latest step, same frames.
+        altitude: (N,), m, to be held.
+        stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
         thrust: (N, 4), N, of the rotors.
         thrust_command: (N, 4), N.
         observer: (N, 6), state of the disturbance observers.
-        statistics: counts on.
     """
 
-    gains: Gains
-    controller: NamedTuple
-    step: float
-    altitude: NDArray[np.float64]
-    stopped: NDArray[np.uint8]
-    outer: NamedTuple
-    wind: NamedTuple
-    drag: NamedTuple
-    downwash: NamedTuple
-    ground: NamedTuple
-    battery: NamedTuple
-    power_factor: float
-    imu: NamedTuple
-    faults: NamedTuple
-    reach: float
-    model: int
-    model_apart: int
-    data: int
     qpos: NDArray[np.float64]
     qvel: NDArray[np.float64]
     qacc: NDArray[np.float64]
     qfrc_applied: NDArray[np.float64]
     qfrc_constraint: NDArray[np.float64]
+    altitude: NDArray[np.float64]
+    stopped: NDArray[np.uint8]
     thrust: NDArray[np.float64]
     thrust_command: NDArray[np.float64]
     observer: NDArray[np.float64]
+
+
+class RigidBody(NamedTuple):
+    """N bodies in one MuJoCo model, as the compiled loop sees them.
+
+    Attributes:
+        model: constants.
+        controller: the gains, or Off where others write `state.thrust_command`.
+        effects: air, wear and failure.
+        state: changes in flight.
+        statistics: counts on.
+    """
+
+    model: BodyModel
+    controller: NamedTuple
+    effects: Effects
+    state: BodyState
     statistics: FlightStatistics

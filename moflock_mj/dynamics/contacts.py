@@ -52,26 +52,30 @@ def _air_bound(drag: Drag, wind: NamedTuple, downwash: NamedTuple, speed: float,
 @kernel
 def _may_touch(dynamics: RigidBody, steps: int) -> bool:
     """Whether anything could come into contact within the next steps, by a bound on how far bodies can move."""
-    gains, duration = dynamics.gains, steps * dynamics.step
-    drones = dynamics.qpos.shape[0]
+    gains, duration = dynamics.model.gains, steps * dynamics.model.step
+    drones = dynamics.state.qpos.shape[0]
     fastest_sq, lowest = 0.0, np.inf
     for i in range(drones):
-        vx, vy, vz = dynamics.qvel[i, 0], dynamics.qvel[i, 1], dynamics.qvel[i, 2]
+        vx, vy, vz = dynamics.state.qvel[i, 0], dynamics.state.qvel[i, 1], dynamics.state.qvel[i, 2]
         fastest_sq = max(fastest_sq, vx * vx + vy * vy + vz * vz)
-        lowest = min(lowest, dynamics.qpos[i, 2])
+        lowest = min(lowest, dynamics.state.qpos[i, 2])
     # Full thrust along gravity, ten deviations of the outer noise's velocity, and what the air can do.
-    gusts = 10 * outer_force(dynamics.outer) / gains.mass * dynamics.step * sqrt(steps)
+    gusts = 10 * outer_force(dynamics.effects.disturbance) / gains.mass * dynamics.model.step * sqrt(steps)
     thrust_acceleration = ROTORS * gains.thrust_max / gains.mass
     speed = sqrt(fastest_sq) + gusts + duration * (thrust_acceleration + 9.81)
-    speed += duration * air_force_bound(dynamics.drag, dynamics.wind, dynamics.downwash, speed, drones) / gains.mass
-    way = dynamics.reach + duration * speed
+    speed += (
+        duration
+        * air_force_bound(dynamics.effects.drag, dynamics.effects.wind, dynamics.effects.downwash, speed, drones)
+        / gains.mass
+    )
+    way = dynamics.model.reach + duration * speed
     if lowest < way:
         return True
     for i in range(drones):
         for j in range(i + 1, drones):
-            dx = dynamics.qpos[j, 0] - dynamics.qpos[i, 0]
-            dy = dynamics.qpos[j, 1] - dynamics.qpos[i, 1]
-            dz = dynamics.qpos[j, 2] - dynamics.qpos[i, 2]
+            dx = dynamics.state.qpos[j, 0] - dynamics.state.qpos[i, 0]
+            dy = dynamics.state.qpos[j, 1] - dynamics.state.qpos[i, 1]
+            dz = dynamics.state.qpos[j, 2] - dynamics.state.qpos[i, 2]
             if dx * dx + dy * dy + dz * dz < 4 * way * way:
                 return True
     return False
@@ -82,14 +86,14 @@ def _is_pushed(dynamics: RigidBody, i: int) -> bool:
     """Whether contact forces acted on body i in the latest step."""
     pushed = False
     for k in range(6):
-        pushed |= dynamics.qfrc_constraint[i, k] != 0
+        pushed |= dynamics.state.qfrc_constraint[i, k] != 0
     return pushed
 
 
 @kernel
 def _mark_touches(dynamics: RigidBody) -> None:
     """Note the first step in which contact forces act on a body, and what is nearest to it then."""
-    statistics, qpos = dynamics.statistics, dynamics.qpos
+    statistics, qpos = dynamics.statistics, dynamics.state.qpos
     for i in range(qpos.shape[0]):
         if statistics.touch_step[i] >= 0 or not _is_pushed(dynamics, i):
             continue

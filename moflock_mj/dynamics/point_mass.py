@@ -120,12 +120,13 @@ def _make_response(
     if isinstance(wind, Off):
         return PointMass(step, asked.tau, asked.a_max, scenario.sigma_outer)
     from moflock_mj.dynamics.airframe_models import load_airframe  # noqa: PLC0415
+    from moflock_mj.effects.battery import make_battery  # noqa: PLC0415
     from moflock_mj.effects.drag import air_drag, wind_push  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
-    from moflock_mj.effects.feasibility import check_air  # noqa: PLC0415
+    from moflock_mj.effects.feasibility import check_feasible  # noqa: PLC0415
 
     airframe = load_airframe(scenario.airframe)
-    check_air(scenario, airframe)
     drag = air_drag(scenario, airframe)
+    check_feasible(scenario, airframe, drag, make_battery(scenario, airframe))
     observer = np.zeros((4, scenario.drones))
     observer[:2] = world.velocity[:2]
     observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyModel`

@@ -41,52 +41,59 @@ def _apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int,
     """Apply the rotors' wrench, the outer noise and the downwash to body i; then let the rotors follow their commands.
 
     As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag.
-    `dynamics.thrust` is what the controller assumes; battery, ground and faults change it, which its observer takes for
-    a disturbance.
+    `dynamics.state.thrust` is what the controller assumes; battery, ground and faults change it, which its observer
+    takes for a disturbance.
     """
-    gains, qpos, force, thrust = dynamics.gains, dynamics.qpos, dynamics.qfrc_applied, dynamics.thrust
-    lift = battery_lift(dynamics.battery, i) * ground_lift(dynamics.ground, qpos[i, 2])
-    total, torque_x, torque_y, torque_z = delivered_wrench(dynamics.faults, gains, thrust, i)
+    gains, qpos, force, thrust = (
+        dynamics.model.gains,
+        dynamics.state.qpos,
+        dynamics.state.qfrc_applied,
+        dynamics.state.thrust,
+    )
+    lift = battery_lift(dynamics.effects.battery, i) * ground_lift(dynamics.effects.ground_effect, qpos[i, 2])
+    total, torque_x, torque_y, torque_z = delivered_wrench(dynamics.effects.faults, gains, thrust, i)
     total *= lift
-    noise_x, noise_y = draw_force(dynamics.outer, noise, k, i)
+    noise_x, noise_y = draw_force(dynamics.effects.disturbance, noise, k, i)
     qw, qx, qy, qz = qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6]
     force[i, 0] = 2 * (qx * qz + qw * qy) * total + noise_x
     force[i, 1] = 2 * (qy * qz - qw * qx) * total + noise_y
-    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total - downwash_at(dynamics.downwash, i)
+    force[i, 2] = (1 - 2 * (qx * qx + qy * qy)) * total - downwash_at(dynamics.effects.downwash, i)
     force[i, 3], force[i, 4], force[i, 5] = lift * torque_x, lift * torque_y, lift * torque_z
     for rotor in range(ROTORS):
-        thrust[i, rotor] += gains.rotor_blend * (dynamics.thrust_command[i, rotor] - thrust[i, rotor])
+        thrust[i, rotor] += gains.rotor_blend * (dynamics.state.thrust_command[i, rotor] - thrust[i, rotor])
 
 
 @kernel
 def _draw_power(dynamics: RigidBody, duration: float) -> None:
     """Count the energy that the rotors take in a beat, at their power now."""
-    thrust, statistics = dynamics.thrust, dynamics.statistics
+    thrust, statistics = dynamics.state.thrust, dynamics.statistics
     for i in range(thrust.shape[0]):
-        lift = battery_lift(dynamics.battery, i)
+        lift = battery_lift(dynamics.effects.battery, i)
         a, b, c, d = lift * thrust[i, 0], lift * thrust[i, 1], lift * thrust[i, 2], lift * thrust[i, 3]
-        statistics.power[i] = rotor_power(dynamics.power_factor, a, b, c, d)
+        statistics.power[i] = rotor_power(dynamics.model.power_factor, a, b, c, d)
         statistics.energy[i] += statistics.power[i] * duration
 
 
 @kernel
 def _stop_rotors(dynamics: RigidBody) -> None:
     """Command nothing of the rotors that stand still."""
-    for i in range(dynamics.stopped.shape[0]):
+    for i in range(dynamics.state.stopped.shape[0]):
         for rotor in range(ROTORS):
-            if dynamics.stopped[i, rotor]:
-                dynamics.thrust_command[i, rotor] = 0.0
+            if dynamics.state.stopped[i, rotor]:
+                dynamics.state.thrust_command[i, rotor] = 0.0
 
 
 @hot_kernel
 def _update_statistics(dynamics: RigidBody, i: int) -> None:
     """Count what the step before asks of body i."""
-    statistics, gains = dynamics.statistics, dynamics.gains
-    qx, qy = dynamics.qpos[i, 4], dynamics.qpos[i, 5]
+    statistics, gains = dynamics.statistics, dynamics.model.gains
+    qx, qy = dynamics.state.qpos[i, 4], dynamics.state.qpos[i, 5]
     statistics.upright[i] = min(statistics.upright[i], 1 - 2 * (qx * qx + qy * qy))
-    statistics.altitude_error[i] = max(statistics.altitude_error[i], abs(dynamics.qpos[i, 2] - dynamics.altitude[i]))
+    statistics.altitude_error[i] = max(
+        statistics.altitude_error[i], abs(dynamics.state.qpos[i, 2] - dynamics.state.altitude[i])
+    )
     saturated = False
     for rotor in range(ROTORS):
-        command = dynamics.thrust_command[i, rotor]
+        command = dynamics.state.thrust_command[i, rotor]
         saturated |= command <= 0 or command >= gains.thrust_max
     statistics.saturated[i] += saturated

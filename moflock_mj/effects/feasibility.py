@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from controllers.airframe import Airframe
 from controllers.flight_control.gain_design import maximum_horizontal_force
-from moflock_mj.effects.battery import Battery, make_battery
-from moflock_mj.effects.drag import Drag, make_drag, wind_push
+from moflock_mj.effects.battery import Battery
+from moflock_mj.effects.drag import Drag, wind_push
 from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
 
 
-def check_air(scenario: Scenario, airframe: Airframe) -> None:
+def check_feasible(scenario: Scenario, airframe: Airframe, drag: NamedTuple, battery: NamedTuple) -> None:
     """Refuse a wind that the rotors cannot hold, a flock speed that drag forbids, a battery too empty to hover.
 
     The vehicle can push against drag with `maximum_horizontal_force`. Gusts come on top, and are not held against it.
 
+    Args:
+        scenario: its speeds, wind and tilt.
+        airframe: the vehicle.
+        drag: as built from the scenario.
+        battery: as built from the scenario.
+
     Raises:
         ScenarioError: one line that names the field, its value and the limit.
     """
-    battery = make_battery(scenario, airframe)
     if scenario.battery is not None and isinstance(battery, Battery):
         lift = float(battery.lift[0])
         if lift * airframe.thrust_to_weight() <= 1:
@@ -26,7 +33,6 @@ def check_air(scenario: Scenario, airframe: Airframe) -> None:
                 f"battery.charge: {scenario.battery.charge:g} leaves the airframe {airframe.name} {lift:.0%} of its "
                 f"thrust: to hover it must be over {1 / airframe.thrust_to_weight():.0%}"
             )
-    drag = make_drag(scenario, airframe)
     if not isinstance(drag, Drag):
         return
     most = maximum_horizontal_force(airframe, scenario.tilt_max)

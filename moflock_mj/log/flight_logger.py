@@ -175,7 +175,7 @@ def flight_attachments(
         Attachment("scenario.toml", "application/toml", scenario.to_toml().encode()),
         Attachment("parameters.json", "application/json", dump_point(params).encode()),
         Attachment(RUN_COPY, "application/json", json.dumps({"log_version": str(LOG_VERSION), **metadata}).encode()),
-        Attachment(LAYOUT_NAME, "application/json", viewer_layout(scenario.arena_side)),
+        Attachment(LAYOUT_NAME, "application/json", viewer_layout(2 * max(scenario.arena.extent()))),
         Attachment(BLUEPRINT_NAME, "application/gzip", BLUEPRINT_FILE.read_bytes()),
     )
 

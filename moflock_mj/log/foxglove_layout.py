@@ -33,16 +33,16 @@ _UNITS = {
 }
 
 
-def viewer_layout(arena_side: float) -> bytes:
+def viewer_layout(arena_width: float) -> bytes:
     """A layout as JSON, to be imported in Foxglove or Lichtblick.
 
     Args:
-        arena_side: m, how much the camera sees.
+        arena_width: m, how much the camera sees.
     """
     plots = {f"Plot!{number}": _plot(*plot) for number, plot in enumerate(PLOTS)}
     first, second, third, fourth = plots
     panels = {
-        "3D!flock": _flock_panel(arena_side),
+        "3D!flock": _flock_panel(arena_width),
         **plots,
         "RosOut!events": {"topicToRender": "/log", "searchTerms": [], "minLogLevel": 1},
     }
@@ -74,11 +74,11 @@ def _split(direction: str, first: Any, second: Any, percentage: float = 50) -> d
     return {"direction": direction, "first": first, "second": second, "splitPercentage": percentage}
 
 
-def _flock_panel(arena_side: float) -> dict[str, Any]:
+def _flock_panel(arena_width: float) -> dict[str, Any]:
     return {
         "cameraState": {
             "perspective": True,
-            "distance": 1.2 * arena_side,
+            "distance": 1.2 * arena_width,
             "phi": 50.0,
             "thetaOffset": 30.0,
             "target": [0.0, 0.0, 0.0],
@@ -86,7 +86,7 @@ def _flock_panel(arena_side: float) -> dict[str, Any]:
             "targetOrientation": [0.0, 0.0, 0.0, 1.0],
             "fovy": 45.0,
             "near": 0.1,
-            "far": 20.0 * arena_side,
+            "far": 20.0 * arena_width,
         },
         "followMode": "follow-none",
         "followTf": WORLD_FRAME,

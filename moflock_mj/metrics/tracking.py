@@ -48,9 +48,9 @@ class MotionMeter:
 
     def add(self, record: SampleBuffer) -> None:
         """Sum up the samples of a record."""
-        side, altitude = self._scenario.arena_side, self._scenario.altitude
+        altitude = self._scenario.altitude
         self._nearest = min(self._nearest, float(record.nearest.min()))
-        self._outside = max(self._outside, float(np.abs(record.position[..., :2]).max()) - side / 2)
+        self._outside = max(self._outside, float(self._scenario.arena.distance_outside(record.position).max()))
         flown = slice(0 if self._started else 1, None)
         self._started = True
         velocity, desired = record.velocity[flown], record.desired[flown].swapaxes(1, 2)

@@ -289,21 +289,21 @@ class _Inspector:
     def _flock(self, origin: Origin, settings: Sequence[VehicleSettings]) -> list[CheckItem]:
         """What only the whole flock shows."""
         places = {vehicle.system: place for vehicle in self._vehicles if (place := vehicle.position(origin))}
-        half, least = self._scenario.arena_side / 2, self._plan.separation
+        arena, least = self._scenario.arena, self._plan.separation
         pairs = [
             (math.dist(a[:2], b[:2]), f"vehicles {one} and {other}")
             for (one, a), (other, b) in itertools.combinations(places.items(), 2)
         ]
         nearest, who = min(pairs, default=(math.inf, ""))
-        out = max(max(abs(x), abs(y)) for x, y, _ in places.values()) if places else math.inf
+        out = float(arena.distance_outside(list(places.values())).max()) if places else math.inf
         items = [
             check(
                 "spacing on the ground", FLOCK, good=nearest >= least, value=float(nearest), unit="m",
                 limit=f"at least {least:g} m", advice=f"move {who} apart",
             ),
             check(
-                "all in the arena", FLOCK, good=out <= half, value=float(out), unit="m",
-                limit=f"at most {half:g} m east, west, north and south of its middle",
+                "all in the arena", FLOCK, good=out <= 0, value=max(out, 0.0), unit="m",
+                limit=f"0 m outside the {arena.title}",
                 advice="move the vehicles, or the arena with --origin",
             ),
         ]  # fmt: skip

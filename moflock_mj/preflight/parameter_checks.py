@@ -15,7 +15,9 @@ from controllers.flight_control.gain_design import (
 from controllers.policies.interface import FlightConditions
 from controllers.policies.registry import spec_of, values_of
 from moflock_mj.dynamics.airframe_models import load_airframe
-from moflock_mj.effects.feasibility import check_air
+from moflock_mj.effects.battery import make_battery
+from moflock_mj.effects.drag import make_drag
+from moflock_mj.effects.feasibility import check_feasible
 from moflock_mj.errors import MoflockError
 from moflock_mj.preflight.results import FLOCK, POINT, CheckItem, CheckResult, check
 from moflock_mj.scenario.scenario import Scenario
@@ -72,7 +74,7 @@ def _conditions(scenario: Scenario, airframe: Airframe, link_delay: float) -> Fl
         tau=scenario.point_mass.tau if scenario.point_mass else scenario.tau,
         a_max=min(scenario.a_max, maximum_horizontal_force(airframe, scenario.tilt_max)),
         airframe=airframe.name,
-        arena_area=scenario.arena_side**2,
+        arena_area=scenario.arena.area(),
     )
 
 
@@ -97,13 +99,14 @@ def _speeds(scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
     """The flock must be able to stop in the arena, and to fly at its cruise speed."""
     hardest = min(scenario.a_max, maximum_horizontal_force(airframe, scenario.tilt_max))
     stopping = scenario.v_max * (scenario.tau + scenario.t_gps) + scenario.v_max**2 / (2 * hardest)
+    quarter = min(scenario.arena.extent()) / 2
     return [
         check(
             "stopping distance",
             FLOCK,
-            good=stopping <= scenario.arena_side / 4,
+            good=stopping <= quarter,
             value=stopping,
-            limit=f"at most a quarter of the arena, {scenario.arena_side / 4:g} m",
+            limit=f"at most a quarter of the arena, {quarter:g} m",
             unit="m",
             advice="lower v_max and v_flock, or use a larger arena",
         ),
@@ -122,7 +125,7 @@ def _speeds(scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
 def _strength(scenario: Scenario, airframe: Airframe) -> CheckItem:
     """Whether the airframe holds wind, drag and its battery."""
     try:
-        check_air(scenario, airframe)
+        check_feasible(scenario, airframe, make_drag(scenario, airframe), make_battery(scenario, airframe))
     except MoflockError as problem:
         return CheckItem(
             name="strength in this air",

@@ -279,16 +279,15 @@ def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> 
         what = "it does not know its home yet: wait for its GPS"
         return [_running("home", vehicle, None, "set", what)]
     (home_x, home_y), (x, y) = origin.world(*home[:2]), origin.world(fix.latitude, fix.longitude)
-    away, off = math.hypot(home_x - x, home_y - y), max(abs(home_x), abs(home_y))
-    half = scenario.arena_side / 2
+    away, beyond = math.hypot(home_x - x, home_y - y), float(scenario.arena.distance_outside((home_x, home_y)))
     return [
         check(
             "home", about(vehicle), good=away <= _AWAY, value=away, unit="m",
             limit=f"within {_AWAY:g} m of where it is", advice="switch it off and on where it stands",
         ),
         check(
-            "home in the arena", about(vehicle), good=off <= half, value=off, unit="m",
-            limit=f"at most {half:g} m east, west, north and south of its middle",
+            "home in the arena", about(vehicle), good=beyond <= 0, value=max(beyond, 0.0), unit="m",
+            limit=f"0 m outside the {scenario.arena.title}",
             advice="move it, or the arena with --origin",
         ),
     ]  # fmt: skip

@@ -7,6 +7,8 @@ import dataclasses
 import math
 import types
 
+import numpy as np
+
 from moflock_mj.errors import CommandError
 from moflock_mj.ground_station.commands import FenceItem, download_fence, read_parameter, set_parameter, upload_fence
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
@@ -60,13 +62,13 @@ def requirements_of(
     vehicle: RemoteVehicle, place: int, count: int, origin: Origin, scenario: Scenario
 ) -> FlightRequirements:
     """What the flight asks of a vehicle, the `place`-th of `count`."""
-    home, edge = vehicle.home(), scenario.arena_side / 2 + FENCE_MARGIN
+    home, edges = vehicle.home(), scenario.arena.inset(-FENCE_MARGIN).extent()
     x, y = origin.world(*home[:2]) if home else (0.0, 0.0)
     layer = scenario.altitude + 2 * _LAYER + place * layer_height(count)
     return FlightRequirements(
         speed=scenario.v_max,
         acceleration=scenario.a_max,
-        radius=math.ceil(math.hypot(abs(x) + edge, abs(y) + edge)),
+        radius=math.ceil(math.hypot(abs(x) + edges[0], abs(y) + edges[1])),
         top=math.ceil(scenario.altitude + 2 * _LAYER + count * layer_height(count) + _ROOF),
         return_altitude=round(layer, 1),
     )
@@ -149,7 +151,7 @@ async def put_right(
         kept_shapes = await _read_shapes(vehicle, origin)
         if kept_shapes is None or not _fits(kept_shapes, scenario):
             raise CommandError(f"{vehicle}: fence: what was uploaded does not come back")
-        changes.append(f"{about(vehicle)}: fence: a square {scenario.arena_side + 2 * FENCE_MARGIN:g} m wide")
+        changes.append(f"{about(vehicle)}: fence: {FENCE_MARGIN:g} m around the {scenario.arena.title}")
     for spellings in required_parameters(autopilot, requirements):
         want = _known(spellings, found.values)
         if want is None:
@@ -208,13 +210,16 @@ def _fits(shapes: tuple[Polygon | Circle, ...], scenario: Scenario) -> bool:
     """Whether there is a fence, and the whole arena is within."""
     if not any(shape.allowed for shape in shapes):
         return False
-    half = scenario.arena_side / 2
-    places = [-half + number * scenario.arena_side / (_LOOKS - 1) for number in range(_LOOKS)]
-    return not any(breaches(shapes, x, y) for x in places for y in places)
+    rows, columns = (np.linspace(-half, half, _LOOKS) for half in scenario.arena.extent())
+    places = [(float(x), float(y)) for x in rows for y in columns]
+    return not any(breaches(shapes, *place) for place in places if scenario.arena.distance_outside(place) <= 0)
 
 
 def _arena_fence(origin: Origin, scenario: Scenario) -> list[FenceItem]:
-    edge = scenario.arena_side / 2 + FENCE_MARGIN
-    corners = [(-edge, -edge), (edge, -edge), (edge, edge), (-edge, edge)]
+    fence = scenario.arena.inset(-FENCE_MARGIN)
+    if (round_fence := fence.circle()) is not None:
+        x, y, radius = round_fence
+        return [FenceItem(mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, radius, *origin.globe(x, y))]
+    corners = fence.outline().tolist()
     command = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
     return [FenceItem(command, len(corners), *origin.globe(east, north)) for east, north in corners]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from moflock_mj.errors import ScenarioError
-from moflock_mj.fields import Section, check_fields, check_keys, quantity, section, sections
+from moflock_mj.fields import FieldSpec, Section, check_fields, check_keys, quantity, section, sections
 from moflock_mj.scenario.acceptance import AcceptanceLimits
 from moflock_mj.scenario.effect_configs import (
     BatteryConfig,
@@ -23,9 +23,14 @@ from moflock_mj.scenario.effect_configs import (
     WindConfig,
 )
 from moflock_mj.scenario.faults import FaultConfig
+from moflock_mj.world.arena import Arena, arena_table, check_arena, read_arena
+from moflock_mj.world.square import Square
 
 DEFAULT_STEP = {"point_mass": 0.01, "rigid_body": 0.005}
 """Integration step of each dynamics where the scenario names none, in s."""
+
+_PAPER_SIDE = 500.0
+"""m, side of the paper's square arena."""
 
 DEPLOYED = "deployed"
 """In place of the dynamics where vehicles flew over MAVLink: nobody can fly that again."""
@@ -40,7 +45,9 @@ class Scenario:
     """
 
     drones: int = quantity(30, "1", "number of drones", low=1, high=10_000)
-    arena_side: float = quantity(500.0, "m", "side of the square arena, centred at the origin", low=1, high=1e5)
+    arena_side: float | None = quantity(
+        None, "m", 'side of a square arena, centred at the origin: short for [arena] shape = "square"', low=1, high=1e5
+    )
     duration: float = quantity(600.0, "s", "simulated time of the flight", low=0, open_low=True, high=1e6)
     step: float | None = quantity(None, "s", "integration step; the dynamics' own if absent", low=1e-4, high=0.2)
 
@@ -79,6 +86,10 @@ class Scenario:
     a_tol: float = quantity(0.0003, "1", "tolerance of F_coll", low=0, open_low=True, high=1)
     r_tol: float = quantity(5.0, "m", "tolerance of F_wall", low=0, open_low=True, high=1e4)
 
+    arena: Arena = dataclasses.field(
+        default=None, metadata={"arena": True, "bounds": FieldSpec(unit="1", help="where the flock flies")}
+    )  # type: ignore[assignment]
+
     point_mass: PointMassConfig | None = section(
         PointMassConfig, "the response of point masses, in place of tau and a_max"
     )
@@ -102,6 +113,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         check_fields(self, ScenarioError)
+        self._settle_arena()
         if self.warm_up >= self.duration:
             raise ScenarioError(f"warm_up: {self.warm_up:g} s must be under the duration, {self.duration:g} s")
         self._check_multiple("duration", "sample_period", self.sample_period)
@@ -109,6 +121,16 @@ class Scenario:
             self._check_periods(self.step)
         for place, fault in enumerate(self.faults):
             fault.check_against(self.drones, self.duration, f"faults[{place}]")
+
+    def _settle_arena(self) -> None:
+        """Give the scenario its arena: the one that is given, or a square of the side that is given, or the paper's."""
+        if getattr(self, "arena", None) is None:
+            object.__setattr__(self, "arena", Square(_PAPER_SIDE if self.arena_side is None else self.arena_side))
+        object.__setattr__(self, "arena", check_arena(self.arena))
+        side = self.arena.side if isinstance(self.arena, Square) else None
+        if self.arena_side not in (None, side):
+            raise ScenarioError(f"arena_side: {self.arena_side:g} m is given beside another arena, {self.arena.title}")
+        object.__setattr__(self, "arena_side", side)
 
     def step_for(self, dynamics: str) -> float:
         """The integration step for `dynamics`, in s, with every period a whole multiple of it.
@@ -123,6 +145,8 @@ class Scenario:
     def replace(self, **changes: Any) -> Scenario:
         """A scenario that differs in the named fields."""
         check_keys(changes, self.field_names(), ScenarioError)
+        if "arena" in changes or "arena_side" in changes:
+            changes = {"arena": None, "arena_side": None, **changes}
         return dataclasses.replace(self, **changes)
 
     @classmethod
@@ -156,13 +180,17 @@ class Scenario:
         for name, kind in cls.sections().items():
             if fields.get(name) is not None:
                 fields[name] = kind.read(fields[name])
+        if fields.get("arena") is not None:
+            fields["arena"] = read_arena(fields["arena"])
         if "faults" in fields:
             fields["faults"] = FaultConfig.read_all(fields["faults"])
         return cls(**fields)
 
     def to_dict(self) -> dict[str, Any]:
         """The fields by name as JSON values, as `from_dict` reads them."""
-        return dataclasses.asdict(self)
+        values = dataclasses.asdict(self)
+        values.pop("arena" if isinstance(self.arena, Square) else "arena_side")
+        return values if "arena_side" in values else values | {"arena": arena_table(self.arena)}
 
     @classmethod
     def sections(cls) -> dict[str, type[Section]]:
@@ -187,8 +215,14 @@ class Scenario:
 
     def to_toml(self) -> str:
         """The scenario as TOML, each field with its unit, bounds and meaning in a comment; tables come last."""
-        tables = {"section", "sections"}
+        tables = {"section", "sections", "arena"}
         lines = [_toml_line(self, field) for field in dataclasses.fields(self) if not tables & field.metadata.keys()]
+        if not isinstance(self.arena, Square):
+            lines += [
+                "",
+                "[arena]",
+                *(f"{name} = {json.dumps(value)}" for name, value in arena_table(self.arena).items()),
+            ]
         for field in dataclasses.fields(self):
             if "section" in field.metadata:
                 held, off = getattr(self, field.name), getattr(self, field.name) is None

@@ -50,18 +50,6 @@ class Imu(NamedTuple):
     estimate: StateEstimate
     no_error: NDArray[np.float64]
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Every array that changes in flight, by name."""
-        estimate = self.estimate
-        return {
-            "gyro_bias": self.gyro_bias,
-            "accel_bias": self.accel_bias,
-            "believed_qpos": estimate.qpos,
-            "believed_qvel": estimate.qvel,
-            "rate_bias": estimate.rate_bias,
-            "lift_bias": estimate.lift_bias,
-        }
-
 
 def make_imu(scenario: Scenario, step: float, interval: float, world: TrueState) -> Imu | Off:
     """The sensors of a scenario, on drones that know how they start.

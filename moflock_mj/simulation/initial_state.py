@@ -24,11 +24,11 @@ def make_initial_state(scenario: Scenario, rng: np.random.Generator) -> TrueStat
     Raises:
         ScenarioError: more drones than the spacing can place.
     """
-    drones, half = scenario.drones, scenario.arena_side / 2
+    drones = scenario.drones
     world = TrueState.at_rest(drones)
     world.position[2] = scenario.altitude
     if scenario.start == "moflock":
-        world.position[:2] = rng.uniform(-half, half, (drones, 2)).T
+        world.position[:2] = scenario.arena.sample(rng, drones).T
         world.velocity[:2] = rng.uniform(-scenario.start_speed, scenario.start_speed, 2)[:, None]
     else:
         world.position[:2] = _spaced(scenario, rng).T
@@ -47,16 +47,14 @@ def grid(drones: int, spacing: float) -> NDArray[np.float64]:
 
 def _spaced(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.float64]:
     """Uniform places in the arena, each at least start_spacing from the others: (N, 2), m."""
-    drones, half, spacing = scenario.drones, scenario.arena_side / 2, scenario.start_spacing
-    refusal = ScenarioError(
-        f"drones: {drones} do not fit into arena_side {scenario.arena_side:g} m with start_spacing {spacing:g} m"
-    )
-    if drones > 1 and drones * math.pi * (spacing / 2) ** 2 > _DENSEST * (scenario.arena_side + spacing) ** 2:
+    drones, arena, spacing = scenario.drones, scenario.arena, scenario.start_spacing
+    refusal = ScenarioError(f"drones: {drones} do not fit into the {arena.title} with start_spacing {spacing:g} m")
+    if drones > 1 and drones * math.pi * (spacing / 2) ** 2 > _DENSEST * arena.inset(-spacing / 2).area():
         raise refusal
     places = np.empty((drones, 2))
     for i in range(drones):
         for _ in range(_TRIES):
-            place = rng.uniform(-half, half, 2)
+            (place,) = arena.sample(rng, 1)
             if not np.any(np.sum((places[:i] - place) ** 2, axis=1) < spacing**2):
                 places[i] = place
                 break

@@ -14,6 +14,7 @@ from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.sensing.gps import SensorModel, SensorState, drift_gps
 from moflock_mj.simulation.random_numbers import RandomBatch, RandomStreams, draw, noise_of_interval
+from moflock_mj.simulation.setup import sensor_model
 from moflock_mj.world.state import TrueState
 
 _OFF_THE_GROUND = 0.05
@@ -99,40 +100,34 @@ class RealtimeBodies:
         self._dynamics = dynamics = simulation.dynamics
         self._streams = streams
         self.ground, self.radius = simulation.airframe.half_height, simulation.airframe.radius
-        dynamics.qpos[:, 2] = self.ground
-        dynamics.thrust[:] = 0
-        dynamics.altitude[:] = self.ground
-        dynamics.thrust_command[:] = 0
-        dynamics.stopped[:] = controlled
+        dynamics.state.qpos[:, 2] = self.ground
+        dynamics.state.thrust[:] = 0
+        dynamics.state.altitude[:] = self.ground
+        dynamics.state.thrust_command[:] = 0
+        dynamics.state.stopped[:] = controlled
         self.desired = np.zeros((2, drones))
-        self._sensors = SensorModel(
-            t_gps=scenario.t_gps,
-            sigma_inner=scenario.sigma_inner,
-            lambda_gps=scenario.lambda_gps,
-            r_comm=scenario.r_comm,
-            packet_loss=0.0,
-        )
+        self._sensors = sensor_model(scenario)
         self._sensor_state = SensorState.at_start(self._world, 0)
         self._steps_per_fix = round(scenario.t_gps / self.step)
         self._steps_to_fix = 0
         # What a vehicle tells others is what it reads itself: the first of the two processes does for both.
         self.position_error = self._sensor_state.position_error[0]
         self.velocity_error = self._sensor_state.velocity_error[0]
-        self.altitude = dynamics.altitude
-        self.stopped = dynamics.stopped
-        self.thrust_command = dynamics.thrust_command
+        self.altitude = dynamics.state.altitude
+        self.stopped = dynamics.state.stopped
+        self.thrust_command = dynamics.state.thrust_command
         self.airframe = simulation.airframe
         self._advance_interval(0)  # compiles, so that the first real step takes no longer than the others
 
     @property
     def qpos(self) -> NDArray[np.float64]:
         """(N, 7), position m world, quaternion w x y z; to be read."""
-        return self._dynamics.qpos
+        return self._dynamics.state.qpos
 
     @property
     def qvel(self) -> NDArray[np.float64]:
         """(N, 6), velocity m/s world, body rates rad/s body; to be read."""
-        return self._dynamics.qvel
+        return self._dynamics.state.qvel
 
     def advance(self, steps: int) -> None:
         """Move all bodies by some integration steps, in whole beats, and their GPS errors once in t_gps.
@@ -153,7 +148,7 @@ class RealtimeBodies:
         draws.outer[:] *= np.clip(height / _SHELTERED, 0.0, 1.0)
         standing = height < _OFF_THE_GROUND
         # An observer that felt the ground would take it for an updraught, and sag after take-off.
-        self._dynamics.observer[standing] = 0
+        self._dynamics.state.observer[standing] = 0
         if fix_due:
             self._steps_to_fix += self._steps_per_fix
             _fix(self._dynamics, self._sensors, self._sensor_state, draws.gps[0], draws.fix)

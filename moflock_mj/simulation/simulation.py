@@ -7,23 +7,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.policies.interface import Observation, SpeedLimits
+from controllers.policies.interface import Observation
 from controllers.policies.registry import spec_of
-from moflock_mj.dynamics.point_mass import LatePointMass, WindyPointMass, make_point_masses
+from moflock_mj.dynamics.point_mass import make_point_masses
 from moflock_mj.effects.fault_injection import FaultSchedule, make_fault_schedule
-from moflock_mj.effects.wind import Wind, make_wind
+from moflock_mj.effects.wind import make_wind
 from moflock_mj.errors import FlightError, LogError, PointError, ScenarioError
-from moflock_mj.metrics.order_parameters import MetricAccumulator, MetricRanges
+from moflock_mj.metrics.order_parameters import MetricAccumulator
 from moflock_mj.metrics.samples import SampleBuffer
-from moflock_mj.parameters.points import check_point
 from moflock_mj.scenario.scenario import DEFAULT_STEP, Scenario
 from moflock_mj.scenario.schedule import Schedule
-from moflock_mj.sensing.gps import SensorModel, SensorState
+from moflock_mj.sensing.gps import SensorState
 from moflock_mj.simulation.initial_state import make_initial_state
 from moflock_mj.simulation.loop import Components, SimulationState, run_intervals
 from moflock_mj.simulation.random_numbers import RandomBatch, RandomStreams, draw
-from moflock_mj.simulation.snapshot import generator_facts, pack, set_generator, unpack
-from moflock_mj.world.square import SquareArena
+from moflock_mj.simulation.setup import FlightSetup
+from moflock_mj.simulation.snapshot import arrays_of, generator_facts, pack, set_generator, unpack
+
+_MUJOCO = "mujoco"
+"""Name of MuJoCo's own state in a snapshot."""
 
 
 class Simulation:
@@ -44,8 +46,9 @@ class Simulation:
             raise ScenarioError(f"dynamics: {dynamics!r} is unknown: it must be one of {', '.join(DEFAULT_STEP)}")
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise ScenarioError(f"seed: {seed!r} is out of bounds: it must be a whole number of at least 0")
-        self.params = params = check_point(params)
-        self.arena = arena = SquareArena(scenario.arena_side)
+        setup = FlightSetup.resolve(params, scenario)
+        self.params = setup.params
+        self.arena = arena = scenario.arena
         self.scenario = scenario
         self.dynamics = dynamics
         self.seed = int(seed)
@@ -67,18 +70,12 @@ class Simulation:
         self.components = Components(
             schedule=schedule,
             dynamics=model,
-            params=params,
-            limits=SpeedLimits(scenario.v_flock, scenario.v_max, scenario.v_rep_max),
-            arena=arena,
-            sensors=SensorModel(
-                t_gps=scenario.t_gps,
-                sigma_inner=scenario.sigma_inner,
-                lambda_gps=scenario.lambda_gps,
-                r_comm=scenario.r_comm,
-                packet_loss=scenario.packet_loss_ratio / scenario.packet_loss_distance**2,
-            ),
+            params=setup.params,
+            limits=setup.limits,
+            arena=setup.arena,
+            sensors=setup.sensors,
             faults=self.faults,
-            ranges=MetricRanges(spec_of(params).interaction_range(params, scenario.v_flock), scenario.r_coll),
+            ranges=setup.ranges,
         )
         kept = self.faults.kept if isinstance(self.faults, FaultSchedule) else 0
         self.memory = SimulationState(
@@ -144,16 +141,13 @@ class Simulation:
         Raises:
             PointError: they are not valid, or of another policy.
         """
-        params = check_point(params)
-        if type(params) is not type(self.params):
+        setup = FlightSetup.resolve(params, self.scenario)
+        if type(setup.params) is not type(self.params):
             raise PointError(
                 f"policy: {spec_of(params).name!r} is another than the flight's, {spec_of(self.params).name!r}"
             )
-        ranges = self.components.ranges._replace(
-            r_cluster=spec_of(params).interaction_range(params, self.scenario.v_flock)
-        )
-        self.params = params
-        self.components = self.components._replace(params=params, ranges=ranges)
+        self.params = setup.params
+        self.components = self.components._replace(params=setup.params, ranges=setup.ranges)
 
     @property
     def touched_with(self) -> NDArray[np.int64] | None:
@@ -168,54 +162,36 @@ class Simulation:
     def snapshot(self) -> bytes:
         """The whole state, from which `restore` goes on bit by bit."""
         facts = {name: generator_facts(rng) for name, rng in self.streams._asdict().items()}
-        return pack(self._arrays(), {"beat": self.interval, "streams": facts})
+        arrays = self._arrays()
+        if self.body:
+            arrays[_MUJOCO] = self.body.mujoco_state()
+        return pack(arrays, {"interval": self.interval, "streams": facts})
 
     def restore(self, snapshot: bytes) -> None:
-        """Go to a state that a flock of the same scenario and dynamics was in.
+        """Go to a state that a simulation of the same scenario and dynamics was in.
 
         Raises:
-            LogError: not a snapshot of such a flock.
+            LogError: not a snapshot of such a simulation.
         """
         stored, facts = unpack(snapshot)
         arrays = self._arrays()
+        if self.body:
+            arrays[_MUJOCO] = self.body.mujoco_state()
         if {n: (a.dtype, a.shape) for n, a in stored.items()} != {n: (a.dtype, a.shape) for n, a in arrays.items()}:
             raise LogError("state: of another scenario or other dynamics")
-        interval, streams = facts.get("beat"), facts.get("streams")
-        if (
-            not isinstance(interval, int)
-            or not 0 <= interval <= self.components.schedule.intervals
-            or not isinstance(streams, dict)
-        ):
+        interval, streams = facts.get("interval"), facts.get("streams")
+        last = self.components.schedule.intervals
+        if not isinstance(interval, int) or not 0 <= interval <= last or not isinstance(streams, dict):
             raise LogError("state: not a snapshot of a flight")
         for name, rng in self.streams._asdict().items():
             set_generator(rng, streams.get(name))
         for name, array in arrays.items():
             array[...] = stored[name]
         if self.body:
-            self.body.load_mujoco(stored["mujoco"])
+            self.body.load_mujoco(stored[_MUJOCO])
         self.interval = interval
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array that changes in flight, by name, but for what is sensed anew before it is used."""
-        memory = self.memory
-        rooms: dict[str, Any] = {
-            "world": memory.world,
-            "sensor": memory.sensor_state,
-            "tally": memory.accumulator,
-        }
-        if isinstance(self.wind, Wind):
-            rooms["wind"] = self.wind
-        model = self.components.dynamics
-        if isinstance(model, LatePointMass):
-            rooms["delay"], model = model, model.response
-        if isinstance(model, WindyPointMass):
-            rooms["point_mass"] = model
-        if isinstance(self.faults, FaultSchedule):
-            rooms["faults"] = self.faults.memory
-        named = {
-            f"{room}.{name}": array
-            for room, held in rooms.items()
-            for name, array in held._asdict().items()
-            if isinstance(array, np.ndarray)
-        }
-        return named | {"desired": memory.desired} | (self.body.arrays() if self.body else {})
+        """Every array that changes in flight, but for the observation, which is made anew before it is used."""
+        kept = self.memory._replace(observation=Observation.empty(0, 0))
+        return arrays_of({"flight": kept, "dynamics": self.components.dynamics, "faults": self.faults})

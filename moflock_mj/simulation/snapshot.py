@@ -16,6 +16,29 @@ _KINDS = {"<f8", "<i8", "<i4", "|u1"}
 """Types that an array may have."""
 
 
+def arrays_of(state: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Every array in nested named tuples or mappings, by its dotted name.
+
+    Constants of a flight lie in fields that are called `model`, which are left out. An array that is found a second
+    time, such as that of a wind that two stages share, keeps its first name. Empty arrays are left out.
+    """
+    found: dict[str, NDArray[Any]] = {}
+    _collect(state, prefix, found, set())
+    return found
+
+
+def _collect(state: Any, name: str, found: dict[str, NDArray[Any]], seen: set[int]) -> None:
+    if isinstance(state, np.ndarray):
+        if state.size and id(state) not in seen:
+            seen.add(id(state))
+            found[name] = state
+        return
+    parts = state._asdict() if hasattr(state, "_asdict") else state if isinstance(state, Mapping) else {}
+    for field, part in parts.items():
+        if field != "model":
+            _collect(part, f"{name}.{field}" if name else field, found, seen)
+
+
 def pack(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> bytes:
     """The arrays and some JSON facts: a length, a JSON header, then the arrays' bytes one after the other."""
     layout = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]

@@ -33,7 +33,7 @@ def conditions(flight: AnyFlight) -> str:
     target = (
         f", target at ({params.target_x:g}, {params.target_y:g}) m" if isinstance(params, TargetTrackingParams) else ""
     )
-    return f"{flight.flock_name}, {scenario.arena_side:g} m arena{target}, {lasting}, seed {flight.seed}"
+    return f"{flight.flock_name}, {scenario.arena.title}{target}, {lasting}, seed {flight.seed}"
 
 
 def figures(flight: AnyFlight) -> str:

@@ -27,7 +27,6 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.results import AnyFlight, kept_samples
 from moflock_mj.visualization.captions import conditions, figures, flight_names
 from moflock_mj.visualization.figure_style import BLACK, BLUE, FLIGHTS, GREEN, ORANGE, PINK, RED, STYLE
-from moflock_mj.world.square import SquareArena
 
 FORMATS = (".png", ".svg", ".pdf")
 """The file name's endings, which choose the format."""
@@ -134,7 +133,7 @@ def flight_figure(flights: Sequence[AnyFlight]) -> Figure:
 def _bounds(scenario: Scenario, samples: list[Samples]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The lower left and the upper right corner of what a map shows, (2,), m: the arena and all that left it."""
     flown = [flight.position[..., :2].reshape(-1, 2) for flight in samples]
-    corners = np.concatenate([SquareArena(scenario.arena_side).outline(), *flown])
+    corners = np.concatenate([scenario.arena.outline(), *flown])
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = 0.03 * (high - low)
     return low - room, high + room
@@ -142,7 +141,7 @@ def _bounds(scenario: Scenario, samples: list[Samples]) -> tuple[NDArray[np.floa
 
 def _draw_trajectories(axes: Axes, scenario: Scenario, samples: Samples, colour: str | None) -> None:
     """The trajectories of all drones from above, coloured by time; a flight that is compared has shades of its own."""
-    outline = SquareArena(scenario.arena_side).outline()
+    outline = scenario.arena.outline()
     axes.add_patch(Polygon(outline, closed=True, fill=False, edgecolor=_LIMIT, linewidth=1.4, zorder=1))
     # Viridis without its yellow end, which is too faint on paper; or from grey to the flight's own colour.
     tones = colormaps["viridis"](np.linspace(0.85, 0, 64)) if colour is None else ["#d4d4d4", colour]

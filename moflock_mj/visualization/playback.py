@@ -18,7 +18,6 @@ from moflock_mj.metrics.fitness import fitness_of
 from moflock_mj.metrics.samples import Samples
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.visualization.colours import Legend, LegendEntry, colour_drones
-from moflock_mj.world.square import SquareArena
 
 TRAIL_SECONDS = 10.0
 """How far back a trail reaches, in s of the flight."""
@@ -213,7 +212,7 @@ def playback_of(
     first = scenarios[0]
     return Playback(
         tracks=tracks,
-        outline=SquareArena(first.arena_side).outline(),
+        outline=first.arena.outline(),
         altitude=first.altitude,
         v_flock=first.v_flock,
         legend=coloured.legend,
@@ -227,10 +226,10 @@ def _check_flights(flights: list[Recorded]) -> list[Samples]:
     """The samples of flights that can be drawn together."""
     if not 1 <= len(flights) <= _MAX_FLIGHTS:
         raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MAX_FLIGHTS}")
-    sides = {flight.scenario.arena_side for flight in flights}
-    if len(sides) > 1:
-        first, second = (f"{flight.scenario.arena_side:g} m" for flight in flights)
-        raise RenderError(f"flights: arena_side is {first} in one and {second} in the other; they must share one arena")
+    arenas = {flight.scenario.arena for flight in flights}
+    if len(arenas) > 1:
+        first, second = (flight.scenario.arena.title for flight in flights)
+        raise RenderError(f"flights: one is in a {first}, the other in a {second}; they must share one arena")
     samples = [flight.samples for flight in flights if flight.samples is not None and flight.samples.t.size]
     if len(samples) < len(flights):
         raise RenderError("flights: one has no samples, must have 1 or more; fly with keep_samples, or read its log")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import entry_kernel
+from moflock_mj.world.arena import Arena
 
 CELL = 10.0
 """Side of a cell, m, for arenas that are a multiple of it."""
@@ -16,27 +17,29 @@ SIGHT = 25.0
 """A cell is seen when a drone comes this close to its centre, m, horizontally."""
 
 
-def coverage(position: NDArray[np.float64], arena_side: float) -> NDArray[np.float64]:
+def coverage(position: NDArray[np.float64], arena: Arena) -> NDArray[np.float64]:
     """Share of the arena's cells that have been seen, over time.
 
     Args:
         position: (T, N, 3), m, world, as `flight.samples.position`.
-        arena_side: m; the arena is a square centred at the origin, cut into equal cells of about CELL.
+        arena: its bounding box is cut into equal cells of about CELL; those whose centres are inside count.
 
     Returns:
         (T,), never falling, in [0, 1]; the last value is the flight's coverage.
     """
-    cells = max(round(arena_side / CELL), 1)
-    seen = np.zeros((cells, cells), np.bool_)
+    half = np.array(arena.extent())
+    cells = np.maximum(np.round(2 * half / CELL).astype(np.int64), 1)
+    x, y = ((np.arange(count) + 0.5) * (2 * edge / count) - edge for count, edge in zip(cells, half, strict=True))
+    inside = arena.distance_outside(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)) <= 0
     share = np.empty(len(position))
-    _see(np.ascontiguousarray(position, dtype=np.float64), arena_side, SIGHT, seen, share)
+    _see(np.ascontiguousarray(position, dtype=np.float64), half, SIGHT, ~inside, share)
     return share
 
 
 @entry_kernel
 def _see(
     position: NDArray[np.float64],
-    arena_side: float,
+    half: NDArray[np.float64],
     sight: float,
     seen: NDArray[np.bool_],
     share: NDArray[np.float64],
@@ -45,30 +48,31 @@ def _see(
 
     Args:
         position: (T, N, 3), m.
-        arena_side: m.
+        half: (2,), m, half sides of the box that is cut into cells.
         sight: m.
-        seen: (C, C), written.
+        seen: (A, B), true for cells that do not count; written.
         share: (T,), written.
     """
-    cells = seen.shape[0]
-    side = arena_side / cells
+    rows, columns = seen.shape
+    row_side, column_side = 2 * half[0] / rows, 2 * half[1] / columns
+    total = seen.size - np.sum(seen)
     count = 0
     for k in range(position.shape[0]):
         for i in range(position.shape[1]):
-            x = position[k, i, 0] + arena_side / 2
-            y = position[k, i, 1] + arena_side / 2
+            x = position[k, i, 0] + half[0]
+            y = position[k, i, 1] + half[1]
             # Cells whose centres, at (c + 1/2) side, lie within a square of half side `sight` around the drone.
-            first_row = max(math.ceil((x - sight) / side - 0.5), 0)
-            last_row = min(math.floor((x + sight) / side - 0.5), cells - 1)
-            first_column = max(math.ceil((y - sight) / side - 0.5), 0)
-            last_column = min(math.floor((y + sight) / side - 0.5), cells - 1)
+            first_row = max(math.ceil((x - sight) / row_side - 0.5), 0)
+            last_row = min(math.floor((x + sight) / row_side - 0.5), rows - 1)
+            first_column = max(math.ceil((y - sight) / column_side - 0.5), 0)
+            last_column = min(math.floor((y + sight) / column_side - 0.5), columns - 1)
             for row in range(first_row, last_row + 1):
                 for column in range(first_column, last_column + 1):
                     if seen[row, column]:
                         continue
-                    dx = (row + 0.5) * side - x
-                    dy = (column + 0.5) * side - y
+                    dx = (row + 0.5) * row_side - x
+                    dy = (column + 0.5) * column_side - y
                     if dx * dx + dy * dy <= sight * sight:
                         seen[row, column] = True
                         count += 1
-        share[k] = count / (cells * cells)
+        share[k] = count / total

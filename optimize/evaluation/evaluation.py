@@ -167,7 +167,7 @@ def warm_up(job: Job) -> str:
         keep_samples=False,
     )
     if job.coverage:
-        coverage(np.zeros((1, 1, 3)), scenario.arena_side)
+        coverage(np.zeros((1, 1, 3)), scenario.arena)
     return worker_name()
 
 
@@ -190,7 +190,7 @@ def _fitness_row(job: Job, flight: Flight) -> list[float]:
     row = [float(getattr(flight.fitness, name)) for name in FITNESS_NAMES]
     if job.coverage:
         assert flight.samples is not None  # for the type checker: asked for above
-        row.append(float(coverage(flight.samples.position, job.scenario.arena_side)[-1]))
+        row.append(float(coverage(flight.samples.position, job.scenario.arena)[-1]))
     return row
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon
 
 from moflock_mj.analysis.target_tracking import TRANSIENT, TargetResult
 from moflock_mj.metrics.samples import Samples
@@ -81,13 +81,13 @@ def target_figure(results: Sequence[TargetResult], names: Sequence[str]) -> Figu
 
 def _draw_last_minute(axes: Axes, result: TargetResult, colour: str) -> None:
     """The drones' ways in the last minute, the arena and the target."""
-    samples, side = _kept(result.flight), result.flight.scenario.arena_side
+    samples, arena = _kept(result.flight), result.flight.scenario.arena
     late = samples.t >= samples.t[-1] - 60
     ways = samples.position[late]
     axes.plot(ways[..., 0], ways[..., 1], color=colour, lw=0.5, alpha=0.5)
     axes.plot(*ways[-1, :, :2].T, "o", color=colour, ms=3)
     axes.plot(*result.target, "*", color=BLACK, ms=11, mec="white", label="target")
-    axes.add_patch(Rectangle((-side / 2, -side / 2), side, side, fill=False, ec=GREY, lw=1.2))
+    axes.add_patch(Polygon(arena.outline(), fill=False, ec=GREY, lw=1.2))
     low = np.minimum(ways[..., :2].min(axis=(0, 1)), result.target) - 15
     high = np.maximum(ways[..., :2].max(axis=(0, 1)), result.target) + 15
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x, m", ylabel="y, m")

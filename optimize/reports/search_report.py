@@ -170,7 +170,7 @@ def _head(found: Findings) -> str:
     )
     facts = (
         f"{settings.algorithm}, seed {settings.seed}, noise: {settings.noise}; {count} evaluations, {failed} of them "
-        f"failed; {scenario.drones} drones as {settings.dynamics.replace('_', ' ')}, {scenario.arena_side:g} m arena, "
+        f"failed; {scenario.drones} drones as {settings.dynamics.replace('_', ' ')}, {scenario.arena.title}, "
         f"{scenario.duration:g} s a flight."
     )
     knee = ", ".join(

@@ -185,7 +185,7 @@ def _analyses(run: Path, scenario: Scenario, workers: int, effort: Effort) -> li
 
 def _tracked(name: str, scenario: Scenario, flights: int) -> list[TargetResult]:
     """A paper's point around a target in a corner of the arena, its extreme case, flight by flight."""
-    corner = (scenario.arena_side / 2, scenario.arena_side / 2)
+    corner = scenario.arena.extent()
     return [
         track_target(load_point(name), target=corner, scenario=scenario, seed=seed) for seed in range(1, flights + 1)
     ]

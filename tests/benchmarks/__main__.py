@@ -48,7 +48,7 @@ def bare_step(simulation: Simulation, snapshot: bytes, steps: int) -> float:
     """Seconds of one bare mj_step from a state of the flight: hover thrust, no torque, nothing else done."""
     body = simulation.body
     assert body is not None
-    force = body.dynamics.qfrc_applied
+    force = body.dynamics.state.qfrc_applied
 
     def steps_from_there() -> None:
         mujoco.mj_step(body.model, body.data, nstep=steps)
@@ -57,7 +57,7 @@ def bare_step(simulation: Simulation, snapshot: bytes, steps: int) -> float:
     for _ in range(5):
         simulation.restore(snapshot)
         force[:] = 0
-        force[:, 2] = body.dynamics.gains.mass * 9.81
+        force[:, 2] = body.dynamics.model.gains.mass * 9.81
         began = time.perf_counter()
         steps_from_there()
         times.append((time.perf_counter() - began) / steps)

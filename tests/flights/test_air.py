@@ -54,7 +54,9 @@ def test_a_held_flock_stays_where_it_is(dynamics):
 
     simulation = Simulation(POINT, held(BREEZE.replace(duration=100.0)), dynamics, 1)
     observer = (
-        simulation.body.dynamics.observer[:, 3:5].T if simulation.body else simulation.components.dynamics.observer[2:]
+        simulation.body.dynamics.state.observer[:, 3:5].T
+        if simulation.body
+        else simulation.components.dynamics.observer[2:]
     )
     observer[:] = 0  # A body leans 9 degrees into this wind, which takes 2 % off its rotors' drag.
     surprised = simulation.run(100.0)
@@ -108,12 +110,12 @@ def test_point_masses_in_wind_agree_with_their_slow_twin():
 @pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
 def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
     scenario = EVERYTHING.replace(duration=4.0)
-    everything = Simulation(POINT, scenario, dynamics, 5).fly(4.0)
+    everything = Simulation(POINT, scenario, dynamics, 5).run(4.0)
     pieces = Simulation(POINT, scenario, dynamics, 5)
-    records = [pieces.fly(0.7), pieces.fly(0.1)]
+    records = [pieces.run(0.7), pieces.run(0.1)]
     resumed = Simulation(POINT, scenario, dynamics, 999)
     resumed.restore(pieces.snapshot())
-    records.append(resumed.fly(10.0))
+    records.append(resumed.run(10.0))
     for name in ("position", "velocity"):
         joined = np.concatenate([getattr(record, name) for record in records])
         np.testing.assert_array_equal(joined, getattr(everything, name))
@@ -134,13 +136,13 @@ def test_what_drones_believe_is_near_the_truth():
     simulation = Simulation(POINT, EVERYTHING.replace(duration=60.0), "rigid_body", 2)
     simulation.run(60.0)
     dynamics = simulation.body.dynamics
-    believed = dynamics.imu.estimate
+    believed = dynamics.effects.imu.estimate
     for i in range(5):
-        off = quaternion_matrix(believed.qpos[i, 3:]).T @ quaternion_matrix(dynamics.qpos[i, 3:])
+        off = quaternion_matrix(believed.qpos[i, 3:]).T @ quaternion_matrix(dynamics.state.qpos[i, 3:])
         assert math.acos(min((np.trace(off) - 1) / 2, 1)) < math.radians(3)
-    assert np.abs(believed.qvel[:, :3] - dynamics.qvel[:, :3]).max() < 0.4
-    assert np.abs(believed.qpos[:, 2] - dynamics.qpos[:, 2]).max() < 0.3
-    assert (believed.qpos[:, 2] != dynamics.qpos[:, 2]).all()
+    assert np.abs(believed.qvel[:, :3] - dynamics.state.qvel[:, :3]).max() < 0.4
+    assert np.abs(believed.qpos[:, 2] - dynamics.state.qpos[:, 2]).max() < 0.3
+    assert (believed.qpos[:, 2] != dynamics.state.qpos[:, 2]).all()
 
 
 def test_skipping_collisions_changes_nothing():
@@ -148,7 +150,9 @@ def test_skipping_collisions_changes_nothing():
     crowded = EVERYTHING.replace(drones=12, arena_side=40.0, start_spacing=2.0, duration=20.0, sigma_inner=0.005)
     flocks = [Simulation(POINT, crowded, "rigid_body", 1) for _ in range(2)]
     dynamics = flocks[1].body.dynamics
-    flocks[1].components = flocks[1].components._replace(dynamics=dynamics._replace(reach=1e6))
+    flocks[1].components = flocks[1].components._replace(
+        dynamics=dynamics._replace(model=dynamics.model._replace(reach=1e6))
+    )
     records = [simulation.run(20.0) for simulation in flocks]
     np.testing.assert_array_equal(records[0].position, records[1].position)
     assert (dynamics.statistics.touch_step >= 0).any()
@@ -165,7 +169,7 @@ def test_an_empty_battery_brings_it_down():
     small = dataclasses.replace(EVERYTHING.battery, capacity=300.0)
     simulation = Simulation(POINT, EVERYTHING.replace(duration=60.0, battery=small), "rigid_body", 1)
     record = simulation.run(60.0)
-    battery = simulation.body.dynamics.battery
+    battery = simulation.body.dynamics.effects.battery
     assert (battery.charge == 0).all()
     assert (battery.lift == 0).all()
     assert record.position[50, :, 2] == pytest.approx(20.0, abs=1.0)

@@ -240,7 +240,7 @@ def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
     """Cut in the middle of every fault, and between a fault's beginning and its first tick."""
     faults = MANY + (FaultConfig(**WEAK, at=3.0, lasts=4.0, drone=1, effectiveness=0.6),) * (dynamics == "rigid_body")
     scenario = FLOCK.replace(duration=10.0, drones=6, arena_side=100.0, faults=faults)
-    whole = Simulation(POINT, scenario, dynamics, 5).fly(10.0)
+    whole = Simulation(POINT, scenario, dynamics, 5).run(10.0)
     simulation, records = Simulation(POINT, scenario, dynamics, 5), []
     for seconds in (0.9, 0.2, 1.1, 0.2, 1.2, 0.9, 0.9, 0.2, 2.6, 10.0):
         resumed = Simulation(POINT, scenario, dynamics, 999)

@@ -60,13 +60,13 @@ def test_samples_have_the_promised_shapes_and_times():
 def test_a_flight_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics, response):
     scenario = SHORT.replace(point_mass=response, duration=4.0, packet_loss_ratio=0.5, t_del=0.3)
     whole = Simulation(A, scenario, dynamics, 5)
-    everything = whole.fly(4.0)
+    everything = whole.run(4.0)
     pieces = Simulation(A, scenario, dynamics, 5)
-    records = [pieces.fly(0.7), pieces.fly(0.1)]
+    records = [pieces.run(0.7), pieces.run(0.1)]
     resumed = Simulation(A, scenario, dynamics, 999)
     resumed.restore(pieces.snapshot())
     assert resumed.time == pytest.approx(0.8)
-    records.append(resumed.fly(10.0))
+    records.append(resumed.run(10.0))
     for name in ("position", "velocity", "order_parameters", "status"):
         joined = np.concatenate([getattr(record, name) for record in records])
         np.testing.assert_array_equal(joined, getattr(everything, name))
@@ -160,7 +160,7 @@ def test_events_tell_breaches_and_near_misses():
         ({"seed": 1.5}, ScenarioError, "seed: 1.5"),
         ({"params": A._replace(p_rep=float("nan"))}, PointError, "p_rep: nan"),
         ({"params": A._replace(a_frict=0.0)}, PointError, "a_frict: 0.0"),
-        ({"params": A[:5]}, PointError, "5 parameters"),
+        ({"params": A[:5]}, PointError, "holds the parameters of no policy"),
         ({"scenario": SHORT.replace(drones=900)}, ScenarioError, "drones: 900 do not fit"),
     ],
 )

@@ -10,7 +10,7 @@ from controllers.policies.interface import Observation, SpeedLimits
 from controllers.policies.target_tracking import TargetTrackingParams, decide
 from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj import Scenario, load_point
-from moflock_mj.world.square import SquareArena, locate_square_walls
+from moflock_mj.world.square import Square, locate_square_walls
 from tests.support import twins
 
 SCENARIO = Scenario(v_max=100.0)
@@ -28,7 +28,7 @@ def observation(position, velocity, neighbours):
     for i, heard in enumerate(neighbours):
         known.neighbours[i, : len(heard)] = heard
         known.neighbour_count[i] = len(heard)
-    locate_square_walls(SquareArena(500.0), known.own_position, known.wall_distance, known.wall_normal)
+    locate_square_walls(Square(500.0), known.own_position, known.wall_distance, known.wall_normal)
     return known
 
 

@@ -9,7 +9,7 @@ from controllers.policies.braking import braking_curve, braking_distance
 from controllers.policies.interface import Observation, SpeedLimits
 from controllers.policies.vasarhelyi import VasarhelyiParams, decide
 from moflock_mj import Scenario, load_point
-from moflock_mj.world.square import SquareArena, locate_square_walls
+from moflock_mj.world.square import Square, locate_square_walls
 from tests.support import twins
 
 SCENARIO = Scenario()
@@ -25,7 +25,7 @@ def observation(position, velocity, received_position, received_velocity, neighb
     for i, heard in enumerate(neighbours):
         known.neighbours[i, : len(heard)] = heard
         known.neighbour_count[i] = len(heard)
-    locate_square_walls(SquareArena(side), known.own_position, known.wall_distance, known.wall_normal)
+    locate_square_walls(Square(side), known.own_position, known.wall_distance, known.wall_normal)
     return known
 
 

@@ -150,7 +150,7 @@ def test_origins():
     ("more", "error", "words"),
     [
         ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot; it must be px4"),
-        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the arena"),
+        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the 200 m arena"),
         ({"fleet": {"spacing": 2.0}}, DeploymentError, r"stand 2.0 m apart; it must be at least 3 m"),
         ({"faults": ["drone=1,kind=low_battery,value=0.1"]}, DeploymentError, "battery at 10 %; it must be over 20 %"),
         ({"faults": ["drone=1,kind=silent"]}, LinkError, "from 1 of 5 links"),

@@ -26,9 +26,11 @@ def flock_of(scenario, seed=1):
 def rotors_off(simulation):
     """Let every drone fall: no thrust now, and none that it could ask for."""
     dynamics = simulation.body.dynamics
-    weak = dynamics.gains._replace(thrust_max=0.0)
-    simulation.components = simulation.components._replace(dynamics=dynamics._replace(gains=weak, controller=weak))
-    dynamics.thrust[:] = 0
+    weak = dynamics.model.gains._replace(thrust_max=0.0)
+    simulation.components = simulation.components._replace(
+        dynamics=dynamics._replace(model=dynamics.model._replace(gains=weak), controller=weak)
+    )
+    dynamics.state.thrust[:] = 0
 
 
 @pytest.mark.parametrize("airframe", airframe_names())
@@ -84,11 +86,11 @@ def test_drones_that_meet_are_marked_and_what_follows_is_physics():
     scenario = CALM.replace(drones=2, start_spacing=0.0, duration=3.0)
     simulation = flock_of(scenario)
     dynamics = simulation.body.dynamics
-    dynamics.qpos[:, :3] = [[0, 0, 20], [3.0, 0, 20]]
-    dynamics.qvel[:, 0] = [4.0, -4.0]
+    dynamics.state.qpos[:, :3] = [[0, 0, 20], [3.0, 0, 20]]
+    dynamics.state.qvel[:, 0] = [4.0, -4.0]
     for row in (0, 1):
-        simulation.memory.world.position[:, row] = dynamics.qpos[row, :3]
-        simulation.memory.world.velocity[:, row] = dynamics.qvel[row, :3]
+        simulation.memory.world.position[:, row] = dynamics.state.qpos[row, :3]
+        simulation.memory.world.velocity[:, row] = dynamics.state.qvel[row, :3]
     record = simulation.run(3.0)
     statistics = dynamics.statistics
     assert list(statistics.touch_with) == [1, 0]
@@ -116,7 +118,9 @@ def test_skipping_collisions_changes_nothing():
     crowded = Scenario(drones=12, arena_side=40.0, start_spacing=2.0, duration=20.0)
     flocks = [flock_of(crowded), flock_of(crowded)]
     dynamics = flocks[1].body.dynamics
-    flocks[1].components = flocks[1].components._replace(dynamics=dynamics._replace(reach=1e6))
+    flocks[1].components = flocks[1].components._replace(
+        dynamics=dynamics._replace(model=dynamics.model._replace(reach=1e6))
+    )
     records = [simulation.run(20.0) for simulation in flocks]
     np.testing.assert_array_equal(records[0].position, records[1].position)
     touched = [simulation.body.dynamics.statistics.touch_step for simulation in flocks]
@@ -127,7 +131,7 @@ def test_skipping_collisions_changes_nothing():
 def test_a_state_that_is_not_finite_ends_the_flight():
     simulation = flock_of(CALM)
     simulation.run(1.0)
-    simulation.body.dynamics.qvel[2, 0] = np.nan
+    simulation.body.dynamics.state.qvel[2, 0] = np.nan
     with pytest.raises(FlightError, match="drone 2: its state is no longer finite before 2 s"):
         simulation.run(1.0)
 

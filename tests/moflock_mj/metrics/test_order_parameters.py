@@ -18,7 +18,7 @@ from moflock_mj.metrics.order_parameters import (
     count_sample,
     write_running,
 )
-from moflock_mj.world.square import SquareArena
+from moflock_mj.world.square import Square
 from moflock_mj.world.state import TrueState
 from tests.support import twins
 
@@ -41,7 +41,7 @@ def judged(positions, velocities, scenario, r_cluster, touched=None):
         np.ascontiguousarray(positions.swapaxes(1, 2)),
         np.ascontiguousarray(velocities.swapaxes(1, 2)),
         touched,
-        SquareArena(scenario.arena_side),
+        Square(scenario.arena_side),
         MetricRanges(r_cluster, scenario.r_coll),
         accumulator,
         out,

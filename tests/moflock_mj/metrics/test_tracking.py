@@ -61,17 +61,17 @@ def test_records_may_be_cut_anywhere():
         Simulation(load_point("A"), scenario, "point_mass", 1),
     )
     one, many = MotionMeter(scenario), MotionMeter(scenario)
-    one.add(whole.fly(3.0))
+    one.add(whole.run(3.0))
     for seconds in (0.1, 1.2, 9.0):
-        many.add(pieces.fly(seconds))
+        many.add(pieces.run(seconds))
     np.testing.assert_allclose(many.figures(), one.figures(), rtol=1e-12)
 
 
 def test_a_drone_that_comes_down_is_lost():
     scenario = SCENARIO.replace(drones=3, duration=8.0)
     simulation = Simulation(load_point("A"), scenario, "rigid_body", 1)
-    simulation.body.dynamics.gains.mixer[:] = 0  # nobody steers any more
-    simulation.body.dynamics.qvel[1, 3] = 3.0  # and one rolls over
+    simulation.body.dynamics.model.gains.mixer[:] = 0  # nobody steers any more
+    simulation.body.dynamics.state.qvel[1, 3] = 3.0  # and one rolls over
 
     flight = continue_flight(simulation)
     assert flight.body.lost == flight.body.touched == 1

@@ -12,7 +12,7 @@ from moflock_mj.errors import ScenarioError
 from moflock_mj.sensing.gps import SensorModel, SensorState, remember
 from moflock_mj.sensing.sense import sense
 from moflock_mj.simulation.initial_state import make_initial_state
-from moflock_mj.world.square import SquareArena, locate_square_walls
+from moflock_mj.world.square import Square, locate_square_walls
 from moflock_mj.world.state import TrueState
 
 QUIET = SensorModel(t_gps=0.2, sigma_inner=0.0, lambda_gps=0.1, r_comm=100.0, packet_loss=0.0)
@@ -29,7 +29,7 @@ def ticked(model, state, world, moment, late, *, noise=None, draws=None):
     observation = Observation.empty(n, 2)
     noise = np.zeros((2, 2, n)) if noise is None else noise
     draws = np.zeros((0, 0)) if draws is None else draws
-    tick(model, state, world, SquareArena(500.0), Off(), moment, late, noise, draws, observation)
+    tick(model, state, world, Square(500.0), Off(), moment, late, noise, draws, observation)
     return observation
 
 
@@ -93,7 +93,7 @@ def test_the_two_gps_errors_walk_apart_and_with_the_right_strength():
 
 
 def test_walls_of_the_square():
-    arena, distance, normal = SquareArena(100.0), np.zeros((2, 2)), np.zeros((2, 2, 2))
+    arena, distance, normal = Square(100.0), np.zeros((2, 2)), np.zeros((2, 2, 2))
     locate_square_walls(arena, np.array([[40.0, -60.0], [-10.0, 0.0]]), distance, normal)
     np.testing.assert_array_equal(distance, [[10, -10], [40, 50]])
     np.testing.assert_array_equal(normal[0], [[-1, 1], [0, 0]])

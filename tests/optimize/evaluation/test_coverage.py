@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from moflock_mj.world.square import Square
 from optimize.evaluation.coverage import SIGHT, coverage
 
 
@@ -24,12 +25,12 @@ def slow_coverage(position, arena_side):
 @given(seed=st.integers(0, 1000), side=st.sampled_from([3.0, 47.0, 100.0, 333.0]))
 def test_as_its_slow_twin(seed, side):
     position = np.random.default_rng(seed).uniform(-side, side, (6, 3, 3))
-    np.testing.assert_allclose(coverage(position, side), slow_coverage(position, side), atol=1e-12)
+    np.testing.assert_allclose(coverage(position, Square(side)), slow_coverage(position, side), atol=1e-12)
 
 
 def test_a_drone_that_hovers_sees_the_cells_around_it():
     # Centres at 5, 15 and 25 m along each axis; of those, (5, 5), (5, 15), (15, 5) and (15, 15) lie within 25 m.
-    share = coverage(np.zeros((3, 1, 3)), 1000.0)
+    share = coverage(np.zeros((3, 1, 3)), Square(1000.0))
     assert share.tolist() == [4 * 4 / 100**2] * 3
 
 
@@ -37,10 +38,10 @@ def test_a_sweep_sees_all_and_the_share_never_falls():
     lanes = np.linspace(-90, 90, 7)
     along = np.linspace(-100, 100, 60)
     position = np.array([[[x, y, 0.0]] for y in lanes for x in along])
-    share = coverage(position, 200.0)
+    share = coverage(position, Square(200.0))
     assert share[-1] == 1.0
     assert (np.diff(share) >= 0).all()
 
 
 def test_outside_the_arena_nothing_is_seen():
-    assert coverage(np.full((2, 4, 3), 1e6), 500.0).tolist() == [0.0, 0.0]
+    assert coverage(np.full((2, 4, 3), 1e6), Square(500.0)).tolist() == [0.0, 0.0]
