@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from moflock_mj.log.reader import LoggedFlight as LoggedFlight
     from moflock_mj.log.reader import read_log as read_log
     from moflock_mj.log.recovery import recover as recover
+    from moflock_mj.metrics.catalogue import METRICS as METRICS
     from moflock_mj.metrics.fitness import Fitness as Fitness
     from moflock_mj.metrics.order_parameters import OrderParameters as OrderParameters
     from moflock_mj.parameters.bounds import ParameterBounds as ParameterBounds
@@ -57,6 +58,7 @@ _MODULES = {
     "GroundEffectConfig": "moflock_mj.scenario.effect_configs",
     "ImuConfig": "moflock_mj.scenario.effect_configs",
     "LoggedFlight": "moflock_mj.log.reader",
+    "METRICS": "moflock_mj.metrics.catalogue",
     "MoflockError": "moflock_mj.errors",
     "OrderParameters": "moflock_mj.metrics.order_parameters",
     "POLICIES": "controllers.policies.registry",

@@ -18,14 +18,12 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.table import Table
 from rich.text import Text
 
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.fitness import Fitness
 from moflock_mj.metrics.order_parameters import OrderParameters
 from moflock_mj.parameters.points import point_names
 from moflock_mj.simulation.results import Flight
 from moflock_mj.simulation.results import Progress as Told
-
-_UNITS = {"wall": "m", "vel": "m/s", "corr": "", "coll": "of pairs", "disc": "drones", "cluster": "neighbours"}
-_FITNESS_OF = {"vel": "speed"}
 
 
 def log_path(asked: str | None, point: str, dynamics: str, seed: int) -> Path | None:
@@ -150,11 +148,9 @@ def figures_table(flight: Judged) -> Table:
     table = Table("order parameter", "value", "", "fitness", "value")
     for column in (1, 4):
         table.columns[column].justify = "right"
-    for name, value in flight.order_parameters._asdict().items():
-        fitness = _FITNESS_OF.get(name, name)
-        table.add_row(
-            f"phi_{name}", f"{value:.5g}", _UNITS[name], f"F_{fitness}", f"{getattr(flight.fitness, fitness):.3f}"
-        )
+    for metric, value in zip(METRICS, flight.order_parameters, strict=True):
+        fitness = getattr(flight.fitness, metric.fitness)
+        table.add_row(metric.symbol, f"{value:.5g}", metric.unit, metric.fitness_symbol, f"{fitness:.3f}")
     table.add_section()
     for name in ("F_1", "F_2", "product"):
         table.add_row("", "", "", name, f"{getattr(flight.fitness, name):.3f}")

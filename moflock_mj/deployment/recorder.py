@@ -23,9 +23,10 @@ from moflock_mj.deployment.steering import score
 from moflock_mj.dynamics.airframe_models import load_airframe
 from moflock_mj.ground_station.station import Traffic
 from moflock_mj.log.encoder import LinkPacket, LogHeader, SampleBlock
-from moflock_mj.log.flight_logger import SEVERITY, circumstances, flight_attachments
+from moflock_mj.log.flight_logger import circumstances, flight_attachments
 from moflock_mj.log.writer import FlightLog
 from moflock_mj.mavlink.frames import frd_of_flu, quaternion_of_euler
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness, fitness_of
 from moflock_mj.metrics.order_parameters import MetricAccumulator, OrderParameters
@@ -97,7 +98,7 @@ class DeploymentRecorder:
         drones = len(members)
         self._world = TrueState.at_rest(drones)
         self._accumulator = MetricAccumulator.empty(drones, self._arena.walls)
-        self._running = np.zeros(6)
+        self._running = np.zeros(len(METRICS))
         self._flocking_since: float | None = None
         self.flocked = 0.0
         self._over = False
@@ -199,7 +200,7 @@ class DeploymentRecorder:
             self._nearest = min(self._nearest, nearest)
             beyond = float(self._arena.distance_outside(self._world.position.T).max())
             self._outside = max(self._outside, beyond)
-        return qpos, qvel, flock.desired.T.copy(), SEVERITY[self._accumulator.status], self._running.copy()
+        return qpos, qvel, flock.desired.T.copy(), self._accumulator.status.copy(), self._running.copy()
 
     def _write(self) -> None:
         """Hand the rows to the log."""

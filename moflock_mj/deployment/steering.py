@@ -15,6 +15,7 @@ from controllers.compiling import entry_kernel, kernel
 from controllers.geometry import clip_length
 from controllers.policies.braking import braking_curve
 from controllers.policies.interface import Observation, SpeedLimits, desired_velocity
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.order_parameters import (
     MetricAccumulator,
     MetricRanges,
@@ -88,7 +89,7 @@ def compile_policy(params: NamedTuple, scenario: Scenario) -> None:
     observation = Observation.empty(2, walls)
     steer(setup.params, setup.limits, setup.arena, scenario.r_comm, FlockRoles.none(2), observation, np.zeros((2, 2)))
     accumulator = MetricAccumulator.empty(2, walls)
-    score(TrueState.at_rest(2), setup.arena, setup.ranges, False, accumulator, np.zeros(6))
+    score(TrueState.at_rest(2), setup.arena, setup.ranges, False, accumulator, np.zeros(len(METRICS)))
 
 
 @kernel

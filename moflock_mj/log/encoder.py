@@ -20,6 +20,7 @@ from moflock_mj.log.schemas import (
     RESULT_METADATA,
     RUN_METADATA,
     STATUS_RGBA,
+    STATUS_ROW,
     Packet,
     SimState,
     frame_name,
@@ -44,7 +45,7 @@ class SampleBlock(NamedTuple):
         qpos: (K, N, 7), position m in the world frame, quaternion wxyz.
         qvel: (K, N, 6), velocity m/s in the world frame, body rates rad/s in the body frame.
         desired_velocity: (K, N, 2), m/s, world, horizontal.
-        status: (K, N), uint8: 0 fine, 1 outside the arena, 2 closer than r_coll to another, 3 has touched something.
+        status: (K, N), uint8, flags OUTSIDE, CLOSE and TOUCHED of `metrics.order_parameters`.
         order_parameters: (K, 6), running wall, vel, corr, coll, disc, cluster.
         fitness: (K, 9), running wall, speed, corr, coll, disc, cluster, F_1, F_2, product.
     """
@@ -223,7 +224,8 @@ def fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDAr
         drones["qpos"] = block.qpos
         drones["qvel"] = block.qvel
         drones["desired_velocity"][..., :2] = block.desired_velocity
-    drones["rgba"] = STATUS_RGBA[block.status]
+    drones["rgba"] = STATUS_RGBA[STATUS_ROW[block.status]]
+    drones["status"] = block.status
 
 
 def fill_transforms(messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], stamps: npt.NDArray[np.uint8]) -> None:

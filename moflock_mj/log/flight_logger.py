@@ -24,7 +24,7 @@ from moflock_mj.log.schemas import LOG_VERSION, RUN_COPY
 from moflock_mj.log.writer import FlightLog
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness, fitness_of
-from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
+from moflock_mj.metrics.order_parameters import OrderParameters
 from moflock_mj.metrics.samples import SampleBuffer
 from moflock_mj.parameters.points import dump_point
 from moflock_mj.scenario.scenario import Scenario
@@ -35,11 +35,6 @@ _STATE_PERIOD = 10.0
 
 _MAX_DRAWN = 200
 """Drones up to which the attached model shows rotors and arms; composing these takes the square of their number."""
-
-SEVERITY = np.array(
-    [3 if flags & TOUCHED else 2 if flags & CLOSE else 1 if flags & OUTSIDE else 0 for flags in range(8)], np.uint8
-)
-"""The log's status of each combination of flags: the worst of them."""
 
 
 class FlightLogger:
@@ -130,7 +125,7 @@ def sample_block(time_ns: NDArray[np.int64], record: SampleBuffer, scenario: Sce
         qpos=record.qpos,
         qvel=record.qvel,
         desired_velocity=record.desired.swapaxes(1, 2),
-        status=SEVERITY[record.status],
+        status=record.status,
         order_parameters=record.order_parameters,
         fitness=np.stack(fitness, axis=1),
     )

@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from moflock_mj.log.schemas import FITNESS_FIELDS, WORLD_FRAME
+from moflock_mj.log.schemas import WORLD_FRAME
+from moflock_mj.metrics.catalogue import METRICS
 
 CURVE_COLOURS = ("#42a5f5", "#ffca28", "#66bb6a", "#e51c34", "#ab47bc", "#26c6da", "#ffffff")
 
 PLOTS: tuple[tuple[str, tuple[str, ...], tuple[float, float] | None], ...] = (
     ("Objectives (larger is better)", ("F_1", "F_2", "F_product"), (0.0, 1.0)),
-    ("The six fitnesses", FITNESS_FIELDS[:6], (0.0, 1.0)),
+    ("The six fitnesses", tuple(metric.fitness_symbol for metric in METRICS), (0.0, 1.0)),
     ("Order parameters", ("phi_wall", "phi_vel", "phi_cluster", "phi_disc"), None),
     ("Correlation and collisions", ("phi_corr", "phi_coll"), None),
 )
@@ -24,13 +25,7 @@ LAYOUT_NAME, BLUEPRINT_NAME = "layout.json", "blueprint.rbl.gz"
 BLUEPRINT_FILE = Path(__file__).with_name(BLUEPRINT_NAME)
 """Rerun's blueprint, made by `rerun_blueprint`."""
 
-_UNITS = {
-    "phi_wall": "m",
-    "phi_vel": "m/s",
-    "phi_coll": "share of pairs",
-    "phi_disc": "drones",
-    "phi_cluster": "neighbours",
-}
+_UNITS = {metric.symbol: metric.unit for metric in METRICS if metric.unit}
 
 
 def viewer_layout(arena_width: float) -> bytes:

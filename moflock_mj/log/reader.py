@@ -41,13 +41,13 @@ from moflock_mj.log.schemas import (
     RESUMED_AT,
     RUN_COPY,
     RUN_METADATA,
-    STATUS_RGBA,
     SimState,
     WireRecord,
     frame_name,
     metrics_record,
     points_record,
 )
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.events import FlightEvent
 from moflock_mj.metrics.fitness import Fitness
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED, OrderParameters
@@ -55,9 +55,6 @@ from moflock_mj.metrics.samples import Samples
 from moflock_mj.parameters.points import find_policy, point_from_values
 from moflock_mj.scenario.scenario import DEFAULT_STEP, DEPLOYED, Scenario
 from moflock_mj.simulation.results import AnyFlight
-
-_FLAGS = np.array([0, OUTSIDE, CLOSE, TOUCHED], np.uint8)
-"""The status that each colour of STATUS_RGBA stands for."""
 
 _LEVELS: dict[int, Any] = {Log.INFO: "info", Log.WARNING: "warning", Log.ERROR: "error"}
 
@@ -147,6 +144,8 @@ def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, NamedTuple, str, i
         log_version = int(metadata[field])
         if log_version > LOG_VERSION:
             raise DamageError(f"log_version: {log_version} is newer than {LOG_VERSION}; a newer moflock reads it")
+        if log_version < LOG_VERSION:
+            raise DamageError(f"log_version: {log_version} is older than {LOG_VERSION}; an older moflock reads it")
         field = "parameters"
         params = point_from_values(find_policy(metadata.get("policy", DEFAULT_POLICY)), json.loads(metadata[field]))
         field = "scenario"
@@ -255,23 +254,23 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
         dynamics=dynamics,
         seed=seed,
         flown=_time_told(result.get("flown", ""), 0.0 if deployed else end, scenario.duration, end),
-        order_parameters=OrderParameters(*values[:6, -1].tolist()),
-        fitness=Fitness(*values[6:, -1].tolist()),
+        order_parameters=OrderParameters(*values[: len(METRICS), -1].tolist()),
+        fitness=Fitness(*values[len(METRICS) :, -1].tolist()),
         samples=Samples(
             t=times / 1e9,
             position=position,
             velocity=points["qvel"][..., :3].astype(np.float64),
             desired_velocity=points["desired_velocity"][..., :2].astype(np.float64),
-            status=_status(points["rgba"]),
+            status=_status(points["status"]),
             nearest=_nearest(position),
-            order_parameters=OrderParameters(*values[:6]),
+            order_parameters=OrderParameters(*values[: len(METRICS)]),
         ),
         events=_events(content.channels["/log"], scenario.drones),
         log=path,
         start=_time_told(run.get(RESUMED_AT, ""), 0.0, times[0] / 1e9, 0.0),
         quaternion=points["qpos"][..., 3:].astype(np.float64),
         body_rates=points["qvel"][..., 3:].astype(np.float64),
-        running_fitness=Fitness(*values[6:]),
+        running_fitness=Fitness(*values[len(METRICS) :]),
         digests=metrics["digest"].copy(),
         states=_states(content.channels["/sim/state"]),
         metadata=run,
@@ -331,14 +330,11 @@ def _rows(topic: str, messages: list[bytes], record: WireRecord, drones: int) ->
     return joined.view(record.dtype)
 
 
-def _status(rgba: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """(T, N) flags of (T, N, 4) colours."""
-    colours = np.ascontiguousarray(rgba).view("<u4")
-    matches = colours == STATUS_RGBA.view("<u4")[:, 0]
-    if not matches.any(axis=-1).all():
-        raise DamageError("/swarm/points: a colour stands for no status")
-    flags: npt.NDArray[np.uint8] = _FLAGS[matches.argmax(axis=-1)]
-    return flags
+def _status(flags: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """(T, N) flags, checked."""
+    if (flags > OUTSIDE | CLOSE | TOUCHED).any():
+        raise DamageError("/swarm/points: a status is none")
+    return flags.copy()
 
 
 @entry_kernel

@@ -23,8 +23,11 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from moflock_mj.metrics.catalogue import METRICS, OBJECTIVES
+from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
+
 # Rises when a reader made for the older layout would misread the newer one; stands as `log_version` in the metadata.
-LOG_VERSION = 1
+LOG_VERSION = 2
 RUN_METADATA = "moflock.run"
 RUN_COPY = "run.json"  # the same as an attachment, because that has a checksum
 RESULT_METADATA = "moflock.result"
@@ -32,14 +35,29 @@ RESULT_METADATA = "moflock.result"
 RESUMED_AT, RESUMED_FROM = "resumed_at", "resumed_from"
 WORLD_FRAME = "world"
 
-ORDER_PARAMETER_FIELDS = ("phi_wall", "phi_vel", "phi_corr", "phi_coll", "phi_disc", "phi_cluster")
-FITNESS_FIELDS = ("F_wall", "F_speed", "F_corr", "F_coll", "F_disc", "F_cluster", "F_1", "F_2", "F_product")
+ORDER_PARAMETER_FIELDS = tuple(metric.symbol for metric in METRICS)
+FITNESS_FIELDS = (*(metric.fitness_symbol for metric in METRICS), *OBJECTIVES)
+# Field numbers of `moflock.Metrics`, which never change; a new metric takes the next free number.
+_TICK_NUMBER, _DIGEST_NUMBER = 16, 17
+METRICS_NUMBERS = {
+    **{metric.symbol: metric.number for metric in METRICS},
+    **{metric.fitness_symbol: metric.fitness_number for metric in METRICS},
+    **OBJECTIVES,
+    "tick": _TICK_NUMBER,
+    "state_digest": _DIGEST_NUMBER,
+}
 
 # One drone in the point cloud: qpos and qvel in MuJoCo's order (position m and velocity m/s in the world frame,
-# quaternion wxyz from body to world, rates rad/s in the body frame), the commanded velocity m/s in the world frame, and
-# a colour.
+# quaternion wxyz from body to world, rates rad/s in the body frame), the commanded velocity m/s in the world frame, a
+# colour, and the status: flags OUTSIDE, CLOSE and TOUCHED of `metrics.order_parameters`.
 POINT = np.dtype(
-    [("qpos", "<f4", (7,)), ("qvel", "<f4", (6,)), ("desired_velocity", "<f4", (3,)), ("rgba", "u1", (4,))]
+    [
+        ("qpos", "<f4", (7,)),
+        ("qvel", "<f4", (6,)),
+        ("desired_velocity", "<f4", (3,)),
+        ("rgba", "u1", (4,)),
+        ("status", "u1"),
+    ]
 )
 POINT_FLOATS = (
     *("x", "y", "z", "qw", "qx", "qy", "qz"),
@@ -48,9 +66,15 @@ POINT_FLOATS = (
 )
 # Four fields of a byte each: what Foxglove and Lichtblick call `rgba-fields` and choose by themselves.
 POINT_COLOURS = ("red", "green", "blue", "alpha")
-# (4, 4) u8, a drone's colour by its status: fine, outside the arena, closer than r_coll to another, has touched.
+# (4, 4) u8, a drone's colour by the worst of its status: fine, outside the arena, closer than r_coll to another, has
+# touched.
 STATUS_RGBA = np.array(
     [[66, 165, 245, 255], [255, 202, 40, 255], [255, 112, 32, 255], [229, 28, 52, 255]], dtype=np.uint8
+)
+
+# (8,) u8, the row of STATUS_RGBA of each combination of flags.
+STATUS_ROW = np.array(
+    [3 if flags & TOUCHED else 2 if flags & CLOSE else 1 if flags & OUTSIDE else 0 for flags in range(8)], np.uint8
 )
 
 _VARINT, _DOUBLE, _BYTES = 0, 1, 2  # protobuf's wire types
@@ -75,7 +99,8 @@ def _own_messages() -> tuple[Any, Any, Any]:
     }
     for message, fields in messages.items():
         descriptor = file.message_type.add(name=message)
-        for number, (name, kind) in enumerate(fields, start=1):
+        for place, (name, kind) in enumerate(fields, start=1):
+            number = METRICS_NUMBERS[name] if message == "Metrics" else place
             descriptor.field.add(name=name, number=number, type=kind, label=kinds.LABEL_OPTIONAL)
     pool = DescriptorPool()
     pool.Add(file)
@@ -149,6 +174,7 @@ def points_record(drones: int) -> WireRecord:
         cloud.fields.add(name=name, offset=4 * place, type=PackedElementField.FLOAT32)
     for place, name in enumerate(POINT_COLOURS):
         cloud.fields.add(name=name, offset=4 * len(POINT_FLOATS) + place, type=PackedElementField.UINT8)
+    cloud.fields.add(name="status", offset=POINT.itemsize - 1, type=PackedElementField.UINT8)
     points = _Piece(bytes(drones * POINT.itemsize), "points", (POINT, (drones,)))
     return _record(
         _Piece(cloud.SerializeToString()),

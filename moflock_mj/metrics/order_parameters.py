@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.compiling import kernel
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
@@ -72,7 +73,7 @@ class MetricAccumulator(NamedTuple):
     @classmethod
     def empty(cls, drones: int, walls: int) -> MetricAccumulator:
         return cls(
-            sums=np.zeros(8),
+            sums=np.zeros(2 + len(METRICS)),
             neighbours=np.zeros(drones, np.int64),
             correlation=np.zeros(drones),
             heading=np.zeros((3, drones)),
@@ -186,9 +187,9 @@ def count_sample(
 
 @kernel
 def write_running(accumulator: MetricAccumulator, out: NDArray[np.float64]) -> None:
-    """Write the order parameters over the samples so far to `out`, (6,); zeros before the first."""
+    """Write the order parameters over the samples so far to `out`, one number a metric; zeros before the first."""
     sums = accumulator.sums
     samples = max(sums[0], 1.0)
     out[0] = sums[2] / max(sums[1], 1.0)
-    for k in range(1, 6):
+    for k in range(1, len(METRICS)):
         out[k] = sums[2 + k] / samples

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.fitness import Fitness, fitness_of
 from moflock_mj.metrics.order_parameters import OrderParameters
 from moflock_mj.scenario.scenario import Scenario
@@ -99,7 +100,7 @@ class SampleBuffer(NamedTuple):
             desired=np.empty((samples, 2, drones)),
             status=np.empty((samples, drones), np.uint8),
             nearest=np.empty(samples),
-            order_parameters=np.empty((samples, 6)),
+            order_parameters=np.empty((samples, len(METRICS))),
             qpos=np.zeros((states, drones, 7)),
             qvel=np.zeros((states, drones, 6)),
         )

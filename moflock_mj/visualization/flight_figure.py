@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps, rc_context
@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 
 from moflock_mj.errors import RenderError
 from moflock_mj.files import new_file
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.order_parameters import TOUCHED, OrderParameters
 from moflock_mj.metrics.samples import Samples
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.results import AnyFlight, kept_samples
 from moflock_mj.visualization.captions import conditions, figures, flight_names
-from moflock_mj.visualization.figure_style import BLACK, BLUE, FLIGHTS, GREEN, ORANGE, PINK, RED, STYLE
+from moflock_mj.visualization.figure_style import BLACK, FLIGHTS, STYLE
 
 FORMATS = (".png", ".svg", ".pdf")
 """The file name's endings, which choose the format."""
@@ -42,27 +43,6 @@ _MAX_CORNERS = 1200
 
 _TAIL_SECONDS = 15.0
 """The end of each trajectory that is drawn thicker: where the drones have just been."""
-
-
-class _Curve(NamedTuple):
-    """How an order parameter of the name is drawn."""
-
-    name: str
-    label: str
-    unit: str
-    colour: str
-    dashes: Any
-
-
-# What should be large is drawn through, what should be small is broken.
-_CURVES = (
-    _Curve("wall", "beyond the wall", "m", RED, (0, (5, 2))),
-    _Curve("vel", "speed", "m/s", BLUE, "solid"),
-    _Curve("corr", "correlation", "", GREEN, "solid"),
-    _Curve("coll", "colliding pairs", "of all", BLACK, (0, (1, 1.2))),
-    _Curve("disc", "disconnected", "drones", PINK, (0, (5, 2))),
-    _Curve("cluster", "fewest neighbours", "", ORANGE, "solid"),
-)
 
 
 def feasible_maxima(scenario: Scenario) -> OrderParameters:
@@ -189,11 +169,12 @@ def _first_touches(samples: Samples) -> NDArray[np.float64]:
 def _draw_order_parameters(axes: Axes, scenario: Scenario, samples: Samples) -> None:
     """The running order parameters, each over its feasible maximum."""
     maxima, running, lowest = feasible_maxima(scenario)._asdict(), samples.order_parameters._asdict(), 0.0
-    for name, label, unit, colour, dashes in _CURVES:
+    for metric in METRICS:
+        name = metric.key
         scaled = np.minimum(running[name] / maxima[name], 1.0)
         lowest = min(lowest, float(scaled.min()))
-        value = f"{label}: {running[name][-1]:.3g} of {maxima[name]:.3g} {unit}".rstrip()
-        axes.plot(samples.t, scaled, color=colour, linestyle=dashes, linewidth=1.6, label=value)
+        value = f"{metric.label}: {running[name][-1]:.3g} of {maxima[name]:.3g} {metric.unit}".rstrip()
+        axes.plot(samples.t, scaled, color=metric.colour, linestyle=metric.dashes, linewidth=1.6, label=value)
     axes.set(ylim=(min(-0.03, 1.05 * lowest), 1.03), xlabel="time, s", ylabel="share of the feasible maximum")
     axes.set_xlim(0, max(samples.t[-1], scenario.sample_period))
     _legend_below(axes, 2)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from controllers.policies.registry import DEFAULT_POLICY
 from moflock_mj.errors import PointError
 from moflock_mj.flight import fly
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.tracking import MotionFigures
 from moflock_mj.parameters.bounds import policy_bounds
 from moflock_mj.parameters.points import check_point
@@ -142,7 +143,7 @@ def infeasible(job: Job, task: EvaluationTask, reason: str, seconds: float = 0.0
         number=task.number,
         params=task.params,
         seeds=task.seeds,
-        order_parameters=np.full((len(task.seeds), 6), np.nan),
+        order_parameters=np.full((len(task.seeds), len(METRICS)), np.nan),
         fitness=np.zeros((len(task.seeds), len(FITNESS_NAMES) + job.coverage)),
         figures=np.full((len(task.seeds), len(FIGURE_NAMES)), np.nan),
         seconds=seconds,

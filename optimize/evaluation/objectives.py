@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moflock_mj.errors import ScenarioError, SearchError
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.fitness import Fitness
 from moflock_mj.scenario.scenario import Scenario
 
-FITNESS_NAMES = ("wall", "speed", "corr", "coll", "disc", "cluster")
+FITNESS_NAMES = tuple(metric.fitness for metric in METRICS)
 """The columns of an evaluation's fitness."""
 
 COVERAGE = "coverage"
@@ -112,7 +113,10 @@ class Objectives:
         )
 
 
-PAPER = Objectives(groups=(("wall", "speed"), ("corr", "coll", "disc", "cluster")), names=("F_1", "F_2"))
+PAPER = Objectives(
+    groups=tuple(tuple(metric.fitness for metric in METRICS if metric.group == group) for group in (1, 2)),
+    names=("F_1", "F_2"),
+)
 """The paper's two objectives."""
 
 

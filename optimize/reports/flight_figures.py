@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,31 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from moflock_mj.analysis.target_tracking import TRANSIENT, TargetResult
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.metrics.samples import Samples
 from moflock_mj.simulation.results import Flight
-from moflock_mj.visualization.figure_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED
+from moflock_mj.visualization.figure_style import BLACK, BLUE, GREY, RED
 from moflock_mj.visualization.flight_figure import feasible_maxima
 from optimize.reports.figures import new_figure
-
-
-class _Curve(NamedTuple):
-    """How an order parameter of the name is drawn."""
-
-    name: str
-    label: str
-    colour: str
-    dashes: Any
-
-
-# What should be large is drawn through, what should be small is broken.
-_CURVES = (
-    _Curve("wall", "beyond the wall", RED, (0, (5, 2))),
-    _Curve("vel", "speed", BLUE, "solid"),
-    _Curve("corr", "correlation", GREEN, "solid"),
-    _Curve("coll", "colliding pairs", BLACK, (0, (1, 1.2))),
-    _Curve("disc", "disconnected", PINK, (0, (5, 2))),
-    _Curve("cluster", "fewest neighbours", ORANGE, "solid"),
-)
 
 
 def order_parameters_figure(flights: Sequence[Flight], names: Sequence[str]) -> Figure:
@@ -46,10 +26,10 @@ def order_parameters_figure(flights: Sequence[Flight], names: Sequence[str]) -> 
     for axes, flight, name in zip(row, flights, names, strict=True):
         samples = _kept(flight)
         maxima, running = feasible_maxima(flight.scenario), samples.order_parameters
-        for name_of, label, colour, dashes in _CURVES:
-            scaled = np.minimum(getattr(running, name_of) / getattr(maxima, name_of), 1.0)
+        for metric in METRICS:
+            scaled = np.minimum(getattr(running, metric.key) / getattr(maxima, metric.key), 1.0)
             lowest = min(lowest, float(scaled.min()))
-            axes.plot(samples.t, scaled, color=colour, ls=dashes, lw=1.6, label=label)
+            axes.plot(samples.t, scaled, color=metric.colour, ls=metric.dashes, lw=1.6, label=metric.label)
         axes.set(xlabel="time, s", xlim=(0, samples.t[-1]))
         axes.set_title(f"{name}: F_1 = {flight.fitness.F_1:.2f}, F_2 = {flight.fitness.F_2:.2f}")
     row[0].set_ylim(1.05 * lowest - 0.03, 1.03)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from controllers.policies.registry import POLICIES
 from moflock_mj.files import new_file
+from moflock_mj.metrics.catalogue import METRICS
 from moflock_mj.visualization.figure_style import BLACK, GREEN, ORANGE, PINK, RED
 from optimize.analysis.pca import agreement
 from optimize.analysis.published_results import FIRST_COMPONENT, PAPER_RESULTS
@@ -31,7 +32,7 @@ from optimize.reports.flight_figures import order_parameters_figure
 from optimize.search.findings import Findings
 from optimize.search.front import ReevaluatedFront
 
-_FITNESS_LABELS = ("F_wall", "F_speed", "F_corr", "F_coll", "F_disc", "F_cluster")
+_FITNESS_LABELS = tuple(metric.fitness_symbol for metric in METRICS)
 
 _STYLE = """
 :root{color-scheme:light}

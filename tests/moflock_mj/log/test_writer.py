@@ -28,7 +28,7 @@ from moflock_mj.errors import LogError
 from moflock_mj.log import writer
 from moflock_mj.log.encoder import Attachment, LogHeader, SampleBlock
 from moflock_mj.log.foxglove_layout import viewer_layout
-from moflock_mj.log.schemas import CHANNELS, FITNESS_FIELDS, ORDER_PARAMETER_FIELDS, POINT, STATUS_RGBA
+from moflock_mj.log.schemas import CHANNELS, FITNESS_FIELDS, ORDER_PARAMETER_FIELDS, POINT, STATUS_RGBA, STATUS_ROW
 from moflock_mj.log.writer import FlightLog
 from moflock_mj.metrics.events import FlightEvent
 
@@ -98,7 +98,7 @@ def test_points_are_the_flight_in_single_precision(tmp_path, drones):
     np.testing.assert_array_equal(points["qvel"], flight.qvel.astype(np.float32))
     np.testing.assert_array_equal(points["desired_velocity"][..., :2], flight.desired_velocity.astype(np.float32))
     assert not points["desired_velocity"][..., 2].any()
-    np.testing.assert_array_equal(points["rgba"], STATUS_RGBA[flight.status])
+    np.testing.assert_array_equal(points["rgba"], STATUS_RGBA[STATUS_ROW[flight.status]])
 
 
 def test_the_cloud_describes_its_own_fields(tmp_path):
@@ -183,7 +183,7 @@ def test_metadata_and_attachments_come_before_the_first_message(tmp_path):
     kinds = [type(r) for r in records if isinstance(r, Metadata | AttachmentRecord | Chunk)]
     assert kinds == [Metadata, AttachmentRecord, Chunk, Chunk, Chunk, Chunk, Metadata]
     run, result = (r for r in records if isinstance(r, Metadata))
-    assert (run.name, run.metadata) == ("moflock.run", {"log_version": "1", "seed": "1"})
+    assert (run.name, run.metadata) == ("moflock.run", {"log_version": "2", "seed": "1"})
     assert (result.name, result.metadata) == ("moflock.result", {"F_1": "0.5"})
     (attachment,) = (r for r in records if isinstance(r, AttachmentRecord))
     assert (attachment.name, attachment.data) == ("scenario.toml", b"drones = 3\n")
