@@ -33,14 +33,15 @@ if TYPE_CHECKING:
 commands = typer.Typer()
 
 
-_FLEET_EXAMPLE = """Example: moflock fleet --vehicles 3 --autopilot px4 --fault drone=1,at=60,kind=gps_loss,for=10
+_FLEET_EXAMPLE = """Example: moflock fleet --vehicles 3 --fault vehicle=1,at=60,kind=gps_loss,duration=10
 
 Vehicle i listens on UDP port base-port + i and answers whoever speaks to it. MAVSDK: udpout://127.0.0.1:14600 for the
 first vehicle. MAVProxy: mavproxy.py --master udpout:127.0.0.1:14600. With --to 127.0.0.1:14540 all vehicles speak
 first, and a client waits for them: MAVSDK udpin://127.0.0.1:14540, MAVProxy --master udpin:127.0.0.1:14540.
 
-Faults are drone (from 0, or all), kind, at (s), for (s) and value; kinds: silent, gps_loss, low_battery (value: share
-of charge), link_loss (share of packets), delay (s), duplicate_id (system id), motor_failure (rotor 0 to 3), pilot.
+A fault has a kind, vehicle (from 0, or all), at (s) and duration (s). Kinds: gps_loss, link_loss (share of packets),
+link_delay (delay, s), cannot_receive, cannot_transmit, rotor_failure (rotor 0 to 3), low_battery (charge, a share),
+duplicate_id (system), pilot.
 
 With --physics-for, the bodies are flown by real autopilots instead: programs that --autopilot-command starts, or that
 you start. They are waited for at 127.0.0.1, ArduPilot's instance i at UDP port 9002 + 10 i, PX4's at TCP port 4560 + i:
@@ -68,7 +69,7 @@ def fleet_command(
     scenario: Annotated[Path | None, typer.Option(help="TOML file: airframe, response, noise.")] = None,
     airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
     fault: Annotated[list[str] | None, typer.Option(help="A fault; may be given several times.")] = None,
-    faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[fault]] each.")] = None,
+    faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[faults]] each.")] = None,
     key_file: KeyFile = None,
     physics_for: Annotated[Autopilot | None, typer.Option(help="Be the physics of real autopilots.")] = None,
     autopilot_command: Annotated[
@@ -88,7 +89,7 @@ def fleet_command(
     """Simulated vehicles that speak MAVLink, in real time: a rehearsal for those who command real ones."""
     from moflock_mj.mavlink.signing import find_key
     from moflock_mj.simulated_vehicles.fleet import FleetPlan
-    from moflock_mj.simulated_vehicles.vehicle_faults import Fault, load_faults
+    from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault, load_faults
 
     flown = given_scenario(scenario, airframe=airframe)
     number = vehicles if vehicles is not None else flown.drones if scenario else 1
@@ -118,7 +119,7 @@ def fleet_command(
         spacing=spacing,
         boot=boot,
         scenario=flown,
-        faults=[*(load_faults(faults) if faults else ()), *map(Fault.from_text, fault or ())],
+        faults=[*(load_faults(faults) if faults else ()), *map(VehicleFault.from_text, fault or ())],
         seed=seed,
     )
     return run_fleet(plan, find_key(key_file), duration, as_json=as_json)

@@ -1,14 +1,14 @@
 """What faults do to a flight: a schedule in whole beats, and the stages at which the loop follows it.
 
-- rotor_loss: the rotor gives a share of the thrust that it is commanded, at the full speed and power of that thrust, as
-  with a broken blade: battery and rotor drag feel no difference. The controllers do not know.
-- gps_outage: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
+- rotor_failure: the rotor gives a share of the thrust that it is commanded, at the full speed and power of that thrust,
+  as with a broken blade: battery and rotor drag do not change. The controllers do not know.
+- gps_loss: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
   last fix, and that of its position grows by it. It tells what it believes, so that others keep off.
 - gps_jump: the position that it reads and tells is off. Its velocity, by Doppler shift, is not.
-- blackout: the drone hears nobody.
-- packet_loss: packets to or from it get lost at random, on top of other losses.
-- silent: it sends nothing. Packets that are in the air still arrive.
-- switched_off: rotors stand still, and it sends nothing. A point mass falls on a parabola to the ground, and stays.
+- cannot_receive: the drone hears nobody.
+- link_loss: packets to or from it get lost at random, on top of other losses.
+- cannot_transmit: it sends nothing. Packets that are in the air still arrive.
+- power_off: rotors stand still, and it sends nothing. A point mass falls on a parabola to the ground, and stays.
 
 Where a fault keeps a packet back, the last one counts for `KEPT` s more, its position carried on by its velocity; after
 that the drone is no neighbour. Nor is one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a
@@ -16,7 +16,7 @@ falling drone draws nobody along. One that hears nobody any more though two or m
 hears again: it takes its own radio for broken. Who never heard anybody flies on by self-propulsion and walls. A flight
 without faults has none of this, as in the paper.
 
-A fault acts in the beats that begin at `at` or later and before `at + lasts`; on sensing and policy, from the next
+A fault acts in the beats that begin at `at` or later and before `at + duration`; on sensing and policy, from the next
 tick on.
 """
 
@@ -49,7 +49,7 @@ NEVER = 2**62
 """The beat in which a fault ends that does not."""
 
 
-_ROTOR_LOSS, _GPS_OUTAGE, _GPS_JUMP, _BLACKOUT, _PACKET_LOSS, _SILENT, _SWITCHED_OFF = range(len(KINDS))
+_ROTOR_FAILURE, _GPS_LOSS, _GPS_JUMP, _CANNOT_RECEIVE, _LINK_LOSS, _CANNOT_TRANSMIT, _POWER_OFF = range(len(KINDS))
 
 
 class FaultState(NamedTuple):
@@ -130,8 +130,8 @@ def make_fault_schedule(scenario: Scenario, dynamics: str, step: float, schedule
     if not faults:
         return Off()
     for place, fault in enumerate(faults):
-        if fault.kind == "rotor_loss" and dynamics == "point_mass":
-            raise ScenarioError(f"faults[{place}].kind: rotor_loss needs rigid bodies: a point mass has no rotors")
+        if fault.kind == "rotor_failure" and dynamics == "point_mass":
+            raise ScenarioError(f"faults[{place}].kind: rotor_failure needs rigid bodies: a point mass has no rotors")
     intervals = [intervals_of(fault, period) for fault in faults]
     kept = round(KEPT / scenario.t_gps)
     moments = schedule.ticks_late + 1 + kept
@@ -169,7 +169,7 @@ def make_fault_schedule(scenario: Scenario, dynamics: str, step: float, schedule
 def intervals_of(fault: FaultConfig, period: float) -> tuple[int, int]:
     """The first beat in which a fault acts and the first in which it is over; beats begin each `period` s."""
     first = math.ceil(fault.at / period - 1e-6)
-    end = NEVER if fault.lasts is None else math.ceil((fault.at + fault.lasts) / period - 1e-6)
+    end = NEVER if fault.duration is None else math.ceil((fault.at + fault.duration) / period - 1e-6)
     return first, end
 
 
@@ -206,20 +206,20 @@ def has_fix(faults: NamedTuple, i: int) -> bool:
 def _apply_fault(faults: FaultSchedule, world: TrueState, f: int, age: int, i: int) -> None:
     """Let fault f, which began `age` beats ago, act on drone i."""
     kind, figure = faults.kind[f], faults.figure
-    if kind == _ROTOR_LOSS:
+    if kind == _ROTOR_FAILURE:
         faults.effectiveness[i, int(figure[f, 0])] *= figure[f, 1]
-    elif kind == _GPS_OUTAGE:
+    elif kind == _GPS_LOSS:
         faults.without_fix[i] = max(faults.without_fix[i], age * faults.period)
     elif kind == _GPS_JUMP:
         faults.jump[0, i] += figure[f, 0]
         faults.jump[1, i] += figure[f, 1]
-    elif kind == _BLACKOUT:
+    elif kind == _CANNOT_RECEIVE:
         faults.cannot_receive[i] = 1
-    elif kind == _PACKET_LOSS:
+    elif kind == _LINK_LOSS:
         faults.loss[i] = 1 - (1 - faults.loss[i]) * (1 - figure[f, 0])
-    elif kind == _SILENT:
+    elif kind == _CANNOT_TRANSMIT:
         faults.cannot_transmit[i] = 1
-    elif kind == _SWITCHED_OFF:
+    elif kind == _POWER_OFF:
         faults.cannot_transmit[i] = 1
         for rotor in range(ROTORS):
             faults.stopped[i, rotor] = 1

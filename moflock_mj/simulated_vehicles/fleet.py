@@ -25,7 +25,7 @@ from moflock_mj.simulated_vehicles.message_handler import Conversation
 from moflock_mj.simulated_vehicles.px4 import Px4
 from moflock_mj.simulated_vehicles.telemetry import Telemetry
 from moflock_mj.simulated_vehicles.vehicle import Phase, Vehicle
-from moflock_mj.simulated_vehicles.vehicle_faults import ALL, Fault, Schedule, check_faults
+from moflock_mj.simulated_vehicles.vehicle_faults import Schedule, VehicleFault, check_faults
 from moflock_mj.simulation.initial_state import grid
 from moflock_mj.simulation.random_numbers import RandomStreams
 from moflock_mj.simulation.realtime_bodies import RealtimeBodies
@@ -76,7 +76,7 @@ class FleetPlan:
     spacing: float = 12.0
     boot: float = 8.0
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
-    faults: Sequence[Fault] = ()
+    faults: Sequence[VehicleFault] = ()
     seed: int = 1
     origin: Origin = dataclasses.field(default_factory=Origin)
 
@@ -115,7 +115,7 @@ class Station:
         self,
         number: int,
         vehicle: Vehicle,
-        faults: Sequence[Fault],
+        faults: Sequence[VehicleFault],
         rng: np.random.Generator,
         key: SigningKey | None,
         clock: SigningClock,
@@ -134,7 +134,7 @@ class Station:
     def step(self, now: float, body: Body) -> Setpoint:
         """Go on to `now`, s; returns what the body is to do."""
         self.faults.update(now)
-        setpoint = self.vehicle.update(now, body, gps_lost=self.faults.value("gps_loss") is not None)
+        setpoint = self.vehicle.update(now, body, gps_lost=self.faults.acting("gps_loss") is not None)
         while self._waiting and self._waiting[0][0] <= now:
             heapq.heappop(self._waiting)[2]()
         self._conversation.update()
@@ -144,7 +144,8 @@ class Station:
         return setpoint
 
     def _receive(self, message: Message, peer: Peer) -> None:
-        self._carry(lambda: self._answer(message, peer))
+        if self.faults.acting("cannot_receive") is None:
+            self._carry(lambda: self._answer(message, peer))
 
     def _answer(self, message: Message, peer: Peer) -> None:
         self._conversation.answer(message, peer)
@@ -164,31 +165,29 @@ class Station:
 
     def _send(self, message: Message, peer: Peer) -> None:
         packet = self.endpoint.pack(message, peer)
-        self._carry(lambda: self.endpoint.send_packet(packet, peer))
+        if self.faults.acting("cannot_transmit") is None:
+            self._carry(lambda: self.endpoint.send_packet(packet, peer))
 
     def _carry(self, arrive: Callable[[], None]) -> None:
         """Let something pass the link, as good as it is."""
-        faults = self.faults
-        if faults.value("silent") is not None:
+        loss, late = self.faults.acting("link_loss"), self.faults.acting("link_delay")
+        if loss is not None and self._rng.random() < (loss.share or 0.0):
             return
-        loss, delay = faults.value("link_loss"), faults.value("delay")
-        if loss is not None and self._rng.random() < loss:
-            return
-        if delay is None:
+        if late is None:
             arrive()
         elif len(self._waiting) < _WAITING_MAX:
-            heapq.heappush(self._waiting, (self.vehicle.time + delay, next(self._order), arrive))
+            heapq.heappush(self._waiting, (self.vehicle.time + (late.delay or 0.0), next(self._order), arrive))
 
-    def _begin_fault(self, fault: Fault) -> None:
+    def _begin_fault(self, fault: VehicleFault) -> None:
         vehicle = self.vehicle
         if fault.kind == "low_battery":
-            vehicle.battery.set_remaining(fault.value)
+            vehicle.battery.set_remaining(fault.charge or 0.0)
         elif fault.kind == "duplicate_id":
-            self.endpoint.rename(int(fault.value))
+            self.endpoint.rename(fault.system or vehicle.system)
         elif fault.kind == "pilot":
             vehicle.set_mode(vehicle.pilot_mode)
 
-    def _end_fault(self, fault: Fault) -> None:
+    def _end_fault(self, fault: VehicleFault) -> None:
         if fault.kind == "duplicate_id":
             self.endpoint.rename(self.vehicle.system)
 
@@ -245,7 +244,7 @@ class Fleet:
             Station(
                 number,
                 make(number + 1, plan.origin, body, plan.boot),
-                [fault for fault in plan.faults if fault.drone in (number, ALL)],
+                [fault for fault in plan.faults if fault.vehicle in (number, None)],
                 rng,
                 key,
                 clock,
@@ -305,10 +304,10 @@ class Fleet:
             bodies.desired[1, number] = setpoint.velocity_y
             bodies.altitude[number] = setpoint.altitude
             bodies.stopped[number] = setpoint.stopped
-            rotor = station.faults.value("motor_failure")
-            if rotor is not None:
-                bodies.stopped[number, int(rotor)] = 1
-            if station.faults.value("gps_loss") is not None:
+            failure = station.faults.acting("rotor_failure")
+            if failure is not None and failure.rotor is not None:
+                bodies.stopped[number, failure.rotor] = 1
+            if station.faults.acting("gps_loss") is not None:
                 bodies.velocity_error[:, number] += _BLIND_DRIFT * TICK
         bodies.advance(self._steps)
 

@@ -1,4 +1,4 @@
-"""Faults of simulated vehicles: what breaks, in which one, when and for how long."""
+"""Faults of simulated vehicles, in the same words as those of a flight."""
 
 from __future__ import annotations
 
@@ -7,88 +7,51 @@ import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from moflock_mj.errors import FleetError
+from moflock_mj.errors import FleetError, ScenarioError
+from moflock_mj.fields import quantity
+from moflock_mj.scenario.faults import FaultKind, FaultTable
 
-ALL = -1
-"""In place of a drone's number: all of them."""
+ALL = "all"
+"""In place of a vehicle's number in a text: all of them."""
 
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Kind:
-    """What a fault's value means: its default, and its bounds."""
-
-    default: float
-    low: float
-    high: float
-    whole: bool = False
-
-
-_NO_VALUE = _Kind(default=0.0, low=0.0, high=0.0)
-KINDS: Mapping[str, _Kind] = {
-    "silent": _NO_VALUE,
-    "gps_loss": _NO_VALUE,
-    "low_battery": _Kind(default=0.1, low=0.0, high=1.0),
-    "link_loss": _Kind(default=0.3, low=0.0, high=1.0),
-    "delay": _Kind(default=0.5, low=0.0, high=60.0),
-    "duplicate_id": _Kind(default=1, low=1, high=250, whole=True),
-    "motor_failure": _Kind(default=0, low=0, high=3, whole=True),
-    "pilot": _NO_VALUE,
+VEHICLE_KINDS = {
+    "gps_loss": FaultKind(text="no GPS"),
+    "link_loss": FaultKind(text="loses packets", figures=("share",)),
+    "link_delay": FaultKind(text="packets are late", figures=("delay",)),
+    "cannot_receive": FaultKind(text="cannot receive"),
+    "cannot_transmit": FaultKind(text="cannot transmit"),
+    "rotor_failure": FaultKind(text="a rotor stands still", figures=("rotor",), falls=True),
+    "low_battery": FaultKind(text="low battery", figures=("charge",)),
+    "duplicate_id": FaultKind(text="another system id", figures=("system",)),
+    "pilot": FaultKind(text="a pilot takes over by remote control"),
 }
-"""By name: silent: nothing is sent or received. gps_loss: no fix. low_battery: the charge falls to a share. link_loss:
-a share of packets is lost each way. delay: s, of packets each way. duplicate_id: the vehicle calls itself by this
-system id. motor_failure: the rotor of this number stands still. pilot: a remote control takes over, in LOITER or
-POSITION.
-"""
+"""Kinds of simulated vehicles, by name."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Fault:
-    """One fault.
+class VehicleFault(FaultTable):
+    """One fault of a simulated vehicle.
 
-    Attributes:
-        drone: its number, from 0, or ALL.
-        kind: of KINDS.
-        at: s after the start.
-        duration: s, `for` in texts; infinite if none is given.
-        value: see KINDS.
+    Raises:
+        ScenarioError: see `FaultTable`.
     """
 
-    drone: int
-    kind: str
-    at: float
-    duration: float
-    value: float
+    kinds: ClassVar[Mapping[str, FaultKind]] = VEHICLE_KINDS
+    subject: ClassVar[str] = "vehicle"
+
+    kind: str = quantity("", "1", "what fails", choices=tuple(VEHICLE_KINDS))
+    vehicle: int | None = quantity(None, "1", "the vehicle's number, from 0; all vehicles if absent", low=0, high=9999)
+    share: float | None = quantity(None, "1", "share of packets each way that a link_loss takes", low=0, high=1)
+    delay: float | None = quantity(None, "s", "time by which a link_delay holds up packets each way", low=0, high=60)
+    rotor: int | None = quantity(None, "1", "number of the rotor of a rotor_failure, from 0", low=0, high=3)
+    charge: float | None = quantity(None, "1", "share of charge to which a low_battery falls", low=0, high=1)
+    system: int | None = quantity(None, "1", "system id that a duplicate_id takes", low=1, high=250)
 
     @classmethod
-    def of(cls, given: Mapping[str, Any], source: str) -> Fault:
-        """A fault of the keys drone, kind, at, for, value.
-
-        Raises:
-            FleetError: a key is unknown or missing, or a value is out of bounds.
-        """
-        unknown = sorted(set(given) - {"drone", "kind", "at", "for", "value"})
-        if unknown:
-            raise FleetError(f"{source}: {unknown[0]} is unknown: it must be one of drone, kind, at, for, value")
-        kind_name = given.get("kind")
-        if not isinstance(kind_name, str) or kind_name not in KINDS:
-            raise FleetError(f"{source}: kind {kind_name!r} is unknown: it must be one of {', '.join(KINDS)}")
-        kind = KINDS[kind_name]
-        if "drone" not in given:
-            raise FleetError(f"{source}: drone is missing: it must be a number from 0, or all")
-        drone = ALL if given["drone"] == "all" else int(_number(given, "drone", 0, 10_000, source, whole=True))
-        return cls(
-            drone=drone,
-            kind=kind_name,
-            at=_number(given, "at", 0, math.inf, source, default=0.0),
-            duration=_number(given, "for", 0, math.inf, source, default=math.inf),
-            value=_number(given, "value", kind.low, kind.high, source, default=kind.default, whole=kind.whole),
-        )
-
-    @classmethod
-    def from_text(cls, text: str) -> Fault:
-        """A fault of a text such as drone=3,at=20,kind=gps_loss,for=10.
+    def from_text(cls, text: str) -> VehicleFault:
+        """A fault of a text such as vehicle=3,at=20,kind=gps_loss,duration=10.
 
         Raises:
             FleetError: it is no such text.
@@ -98,16 +61,21 @@ class Fault:
             key, equals, value = (piece.strip() for piece in part.partition("="))
             if not equals or key in given:
                 raise FleetError(f"fault {text!r}: {part.strip()!r} must be key=value, each key once")
-            given[key] = value if key == "kind" or value == "all" else _parsed(value)
-        return cls.of(given, f"fault {text!r}")
+            given[key] = value if key == "kind" else _parsed(value)
+        if given.get("vehicle") == ALL:
+            given["vehicle"] = None
+        try:
+            return cls.read(given)
+        except ScenarioError as problem:
+            raise FleetError(f"fault {text!r}: {str(problem).removeprefix('faults.')}") from None
 
     def acts(self, time: float) -> bool:
         """Whether it acts at a time, s."""
-        return self.at <= time < self.at + self.duration
+        return self.at <= time < self.at + (math.inf if self.duration is None else self.duration)
 
 
-def load_faults(path: Path) -> list[Fault]:
-    """Faults of a TOML file: a table [[fault]] each.
+def load_faults(path: Path) -> tuple[VehicleFault, ...]:
+    """Faults of a TOML file: a table [[faults]] each.
 
     Raises:
         FleetError: the file cannot be read, or holds something else.
@@ -118,21 +86,26 @@ def load_faults(path: Path) -> list[Fault]:
         raise FleetError(f"faults {path}: {problem.strerror}") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         raise FleetError(f"faults {path}: not TOML: {problem}") from None
-    faults = tables.pop("fault", [])
-    if tables or not isinstance(faults, list) or not all(isinstance(fault, dict) for fault in faults):
-        raise FleetError(f"faults {path}: must hold nothing but tables [[fault]]")
-    return [Fault.of(fault, f"faults {path}, number {number}") for number, fault in enumerate(faults, 1)]
+    faults = tables.pop("faults", [])
+    if tables:
+        raise FleetError(f"faults {path}: {next(iter(tables))}: it must hold nothing but tables [[faults]]")
+    try:
+        return VehicleFault.read_all(faults)
+    except ScenarioError as problem:
+        raise FleetError(f"faults {path}: {problem}") from None
 
 
-def check_faults(faults: Sequence[Fault], drones: int) -> None:
-    """Refuse faults of drones that there are not.
+def check_faults(faults: Sequence[VehicleFault], vehicles: int) -> None:
+    """Refuse faults of vehicles that there are not.
 
     Raises:
         FleetError: a number that is too large.
     """
     for fault in faults:
-        if fault.drone >= drones:
-            raise FleetError(f"fault {fault.kind}: drone {fault.drone} is out of bounds: it must be below {drones}")
+        if fault.vehicle is not None and fault.vehicle >= vehicles:
+            raise FleetError(
+                f"fault {fault.kind}: vehicle {fault.vehicle} is out of bounds: it must be at most {vehicles - 1}"
+            )
 
 
 class Schedule:
@@ -140,15 +113,17 @@ class Schedule:
 
     Args:
         faults: of this vehicle.
-        begin: told each fault that begins.
-        end: told each fault that ends.
+        begin: called with each fault that begins.
+        end: called with each fault that ends.
     """
 
-    def __init__(self, faults: Sequence[Fault], begin: Callable[[Fault], None], end: Callable[[Fault], None]) -> None:
+    def __init__(
+        self, faults: Sequence[VehicleFault], begin: Callable[[VehicleFault], None], end: Callable[[VehicleFault], None]
+    ) -> None:
         self._faults = faults
         self._begin = begin
         self._end = end
-        self._acting: list[Fault] = []
+        self._acting: list[VehicleFault] = []
 
     def update(self, time: float) -> None:
         """Go on to `time`, s."""
@@ -163,32 +138,15 @@ class Schedule:
         for fault in begun:
             self._begin(fault)
 
-    def value(self, kind: str) -> float | None:
-        """The value of an acting fault, None if there is none."""
-        values = [fault.value for fault in self._acting if fault.kind == kind]
-        return values[-1] if values else None
+    def acting(self, kind: str) -> VehicleFault | None:
+        """The fault of a kind that acts now, or None."""
+        return next((fault for fault in reversed(self._acting) if fault.kind == kind), None)
 
 
-def _parsed(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _number(
-    given: Mapping[str, Any],
-    key: str,
-    low: float,
-    high: float,
-    source: str,
-    *,
-    default: float = 0.0,
-    whole: bool = False,
-) -> float:
-    value = given.get(key, default)
-    fits = isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
-    if not fits or (whole and value != int(value)):
-        limits = f"from {low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
-        raise FleetError(f"{source}: {key} {value!r} is out of bounds: it must be {'whole, ' if whole else ''}{limits}")
-    return float(value)
+def _parsed(text: str) -> float | int | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

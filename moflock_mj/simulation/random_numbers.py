@@ -55,7 +55,7 @@ def draw(
     drones = scenario.drones
     imu = dynamics == "rigid_body" and scenario.imu is not None
     lossy = drones if scenario.packet_loss_ratio > 0 else 0
-    burst = drones if any(fault.kind == "packet_loss" for fault in scenario.faults) else 0
+    burst = drones if any(fault.kind == "link_loss" for fault in scenario.faults) else 0
     return RandomBatch(
         gps=streams.sensing.standard_normal((ticks, 2, 2, drones)),
         loss=streams.communication.random((ticks, lossy, lossy)),

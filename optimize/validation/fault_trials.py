@@ -95,18 +95,18 @@ def standard_faults(scenario: Scenario) -> dict[str, Scenario]:
 
     Each begins after a third of the flight, when the flock has formed, and one that may end lasts another third, but
     for the rotor, which stays damaged. It befalls drone 0, since all are alike; packet loss befalls all, and blackout
-    one drone or all. Point masses refuse `rotor_loss`.
+    one drone or all. Point masses refuse `rotor_failure`.
     """
     at = scenario.duration / 3
-    passing = functools.partial(FaultConfig, at=at, lasts=at)
+    passing = functools.partial(FaultConfig, at=at, duration=at)
     faults = {
-        "rotor_loss": FaultConfig(kind="rotor_loss", at=at, drone=0, rotor=0, effectiveness=0.5),
-        "gps_outage": passing(kind="gps_outage", drone=0),
+        "rotor_failure": FaultConfig(kind="rotor_failure", at=at, drone=0, rotor=0, effectiveness=0.5),
+        "gps_loss": passing(kind="gps_loss", drone=0),
         "gps_jump": passing(kind="gps_jump", drone=0, jump=(10.0, 0.0)),
-        "blackout": passing(kind="blackout", drone=0),
-        "blackout_of_all": passing(kind="blackout"),
-        "packet_loss": passing(kind="packet_loss", share=0.5),
-        "silent": passing(kind="silent", drone=0),
-        "switched_off": FaultConfig(kind="switched_off", at=at, drone=0),
+        "cannot_receive": passing(kind="cannot_receive", drone=0),
+        "cannot_receive_all": passing(kind="cannot_receive"),
+        "link_loss": passing(kind="link_loss", share=0.5),
+        "cannot_transmit": passing(kind="cannot_transmit", drone=0),
+        "power_off": FaultConfig(kind="power_off", at=at, drone=0),
     }
     return {name: scenario.replace(faults=(fault,)) for name, fault in faults.items()}

@@ -21,16 +21,16 @@ PERFECT = FLOCK.replace(sigma_inner=0.0, sigma_outer=0.0, start="moflock")
 """Without noise, and in motion from the start."""
 
 BOTH = pytest.mark.parametrize("dynamics", ["rigid_body", "point_mass"])
-WEAK = {"kind": "rotor_loss", "rotor": 1}
+WEAK = {"kind": "rotor_failure", "rotor": 1}
 MANY = (
-    FaultConfig(kind="gps_outage", at=1.0, lasts=6.5, drone=0),
-    FaultConfig(kind="gps_jump", at=2.1, lasts=3.0, drone=1, jump=(5.0, -3.0)),
-    FaultConfig(kind="silent", at=2.3, lasts=2.2, drone=2),
-    FaultConfig(kind="blackout", at=3.0, lasts=1.5, drone=3),
-    FaultConfig(kind="blackout", at=8.1, lasts=0.4),
-    FaultConfig(kind="packet_loss", at=4.0, lasts=2.0, share=0.5),
-    FaultConfig(kind="packet_loss", at=5.0, lasts=2.0, drone=3, share=0.3),
-    FaultConfig(kind="switched_off", at=5.3, drone=4),
+    FaultConfig(kind="gps_loss", at=1.0, duration=6.5, drone=0),
+    FaultConfig(kind="gps_jump", at=2.1, duration=3.0, drone=1, jump=(5.0, -3.0)),
+    FaultConfig(kind="cannot_transmit", at=2.3, duration=2.2, drone=2),
+    FaultConfig(kind="cannot_receive", at=3.0, duration=1.5, drone=3),
+    FaultConfig(kind="cannot_receive", at=8.1, duration=0.4),
+    FaultConfig(kind="link_loss", at=4.0, duration=2.0, share=0.5),
+    FaultConfig(kind="link_loss", at=5.0, duration=2.0, drone=3, share=0.3),
+    FaultConfig(kind="power_off", at=5.3, drone=4),
 )
 
 
@@ -63,7 +63,7 @@ def test_point_masses_with_faults_are_those_of_their_slow_twin(changes):
 def test_until_a_fault_begins_the_flight_is_that_without_it(dynamics):
     """Bit by bit, up to the sample of that moment."""
     whole = fly(POINT, scenario=FLOCK.replace(duration=6.0), dynamics=dynamics, seed=2).samples
-    broken = FLOCK.replace(duration=6.0, faults=(FaultConfig(kind="switched_off", at=4.0, drone=5),))
+    broken = FLOCK.replace(duration=6.0, faults=(FaultConfig(kind="power_off", at=4.0, drone=5),))
     broken = fly(POINT, scenario=broken, dynamics=dynamics, seed=2).samples
     for name in ("position", "velocity", "desired_velocity", "nearest"):
         np.testing.assert_array_equal(getattr(whole, name)[:41], getattr(broken, name)[:41])
@@ -72,7 +72,7 @@ def test_until_a_fault_begins_the_flight_is_that_without_it(dynamics):
 
 @BOTH
 def test_without_neighbours_drones_keep_to_the_arena_and_to_their_speed(dynamics):
-    scenario = FLOCK.replace(duration=90.0, faults=(FaultConfig(kind="blackout"),))
+    scenario = FLOCK.replace(duration=90.0, faults=(FaultConfig(kind="cannot_receive"),))
     simulation = Simulation(POINT, scenario, dynamics, 1)
     record = simulation.run(90.0)
     assert simulation.memory.observation.neighbour_count.max() == 0
@@ -85,7 +85,7 @@ def test_without_neighbours_drones_keep_to_the_arena_and_to_their_speed(dynamics
 
 @BOTH
 def test_a_drone_that_loses_gps_slows_and_holds_and_then_flies_on(dynamics):
-    scenario = FLOCK.replace(duration=60.0, faults=(FaultConfig(kind="gps_outage", at=20.0, lasts=20.0, drone=3),))
+    scenario = FLOCK.replace(duration=60.0, faults=(FaultConfig(kind="gps_loss", at=20.0, duration=20.0, drone=3),))
     samples = fly(POINT, scenario=scenario, dynamics=dynamics, seed=4).samples
     speed = np.linalg.norm(samples.velocity[..., :2], axis=2)
     assert speed[150:200, 3].mean() > 4.0
@@ -98,7 +98,7 @@ def test_a_drone_that_loses_gps_slows_and_holds_and_then_flies_on(dynamics):
 
 def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it():
     """V' = -v / tau, from v: it stops after v tau."""
-    scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_outage", at=10.0, drone=3),), arena_side=100.0)
+    scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_loss", at=10.0, drone=3),), arena_side=100.0)
     simulation = Simulation(POINT, scenario, "point_mass", 4)
     simulation.run(10.0)
     place, velocity = (
@@ -116,7 +116,7 @@ def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it
 
 @BOTH
 def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
-    scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_jump", at=2.0, lasts=3.0, drone=1, jump=(5.0, -2.0)),))
+    scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_jump", at=2.0, duration=3.0, drone=1, jump=(5.0, -2.0)),))
     simulation, truth, read, heard = Simulation(POINT, scenario, dynamics, 1), [], [], []
     for _ in range(40):
         truth.append(simulation.memory.world.position[:2].copy())
@@ -134,7 +134,7 @@ def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
 def test_a_silent_drone_is_heard_until_its_last_packet_arrives_and_then_kept_for_a_second(dynamics):
     """What is kept is the last packet, carried on by its velocity."""
     scenario = PERFECT.replace(
-        arena_side=60.0, start="spaced", faults=(FaultConfig(kind="silent", at=4.0, lasts=3.0, drone=2),)
+        arena_side=60.0, start="spaced", faults=(FaultConfig(kind="cannot_transmit", at=4.0, duration=3.0, drone=2),)
     )
     simulation, ticks, told = Simulation(POINT, scenario, dynamics, 1), [], []
     for _ in range(50):
@@ -154,7 +154,10 @@ def test_a_silent_drone_is_heard_until_its_last_packet_arrives_and_then_kept_for
 
 @BOTH
 def test_a_blackout_deafens_one_and_all(dynamics):
-    faults = (FaultConfig(kind="blackout", at=1.0, lasts=2.0, drone=0), FaultConfig(kind="blackout", at=2.0, lasts=1.0))
+    faults = (
+        FaultConfig(kind="cannot_receive", at=1.0, duration=2.0, drone=0),
+        FaultConfig(kind="cannot_receive", at=2.0, duration=1.0),
+    )
     simulation = Simulation(POINT, PERFECT.replace(arena_side=60.0, faults=faults), dynamics, 1)
     counts = []
     for _ in range(20):
@@ -167,7 +170,7 @@ def test_a_blackout_deafens_one_and_all(dynamics):
 @BOTH
 def test_drones_that_are_cut_off_stop_and_hold_until_they_hear_again(dynamics):
     """All of them a second after the blackout begins, when the last packets are too old."""
-    scenario = FLOCK.replace(duration=60.0, faults=(FaultConfig(kind="blackout", at=20.0, lasts=20.0),))
+    scenario = FLOCK.replace(duration=60.0, faults=(FaultConfig(kind="cannot_receive", at=20.0, duration=20.0),))
     flight = fly(POINT, scenario=scenario, dynamics=dynamics, seed=4)
     speed = np.linalg.norm(flight.samples.velocity[..., :2], axis=2)
     assert speed[150:200].mean() > 4.0
@@ -179,14 +182,16 @@ def test_drones_that_are_cut_off_stop_and_hold_until_they_hear_again(dynamics):
 
 def test_a_drone_whose_only_neighbour_falls_silent_flies_on():
     """It is the other's radio that may be broken."""
-    scenario = PERFECT.replace(drones=2, arena_side=60.0, faults=(FaultConfig(kind="silent", at=2.0, drone=1),))
+    scenario = PERFECT.replace(
+        drones=2, arena_side=60.0, faults=(FaultConfig(kind="cannot_transmit", at=2.0, drone=1),)
+    )
     samples = fly(POINT, scenario=scenario, dynamics="point_mass", seed=1).samples
     assert np.linalg.norm(samples.desired_velocity[40:, 0], axis=1).min() > 0
 
 
 @BOTH
 def test_a_burst_loses_its_share_of_packets_each_way(dynamics):
-    faults = (FaultConfig(kind="packet_loss", at=2.0, lasts=20.0, drone=0, share=0.25),)
+    faults = (FaultConfig(kind="link_loss", at=2.0, duration=20.0, drone=0, share=0.25),)
     simulation, receives, is_heard = (
         Simulation(POINT, PERFECT.replace(arena_side=60.0, faults=faults), dynamics, 1),
         [],
@@ -204,7 +209,7 @@ def test_a_burst_loses_its_share_of_packets_each_way(dynamics):
 
 @BOTH
 def test_a_drone_that_is_switched_off_falls_alone(dynamics):
-    scenario = FLOCK.replace(faults=(FaultConfig(kind="switched_off", at=10.0, drone=5),))
+    scenario = FLOCK.replace(faults=(FaultConfig(kind="power_off", at=10.0, drone=5),))
     flight = fly(POINT, scenario=scenario, dynamics=dynamics, seed=1)
     samples, others = flight.samples, [i for i in range(10) if i != 5]
     falls, spin_down = samples.position[100:121, 5, 2], 0.6 if dynamics == "rigid_body" else 1e-9
@@ -238,7 +243,9 @@ def test_a_weak_rotor_is_held_and_a_lost_one_is_not():
 @BOTH
 def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
     """Cut in the middle of every fault, and between a fault's beginning and its first tick."""
-    faults = MANY + (FaultConfig(**WEAK, at=3.0, lasts=4.0, drone=1, effectiveness=0.6),) * (dynamics == "rigid_body")
+    faults = MANY + (FaultConfig(**WEAK, at=3.0, duration=4.0, drone=1, effectiveness=0.6),) * (
+        dynamics == "rigid_body"
+    )
     scenario = FLOCK.replace(duration=10.0, drones=6, arena_side=100.0, faults=faults)
     whole = Simulation(POINT, scenario, dynamics, 5).run(10.0)
     simulation, records = Simulation(POINT, scenario, dynamics, 5), []
@@ -265,7 +272,7 @@ def test_its_log_tells_the_faults_and_is_verified_and_resumed(tmp_path, dynamics
     np.testing.assert_array_equal(again.samples.position[-1], flight.samples.position[-1])
     told = [event.message for event in flight.events if event.level == "warning" and "apart" not in event.message]
     assert len(told) == 2 * len(MANY) - 1
-    assert (told[0], told[-1]) == ("drone 0: no GPS", "all drones: hears nobody (over)")
+    assert (told[0], told[-1]) == ("drone 0: no GPS", "all drones: cannot receive (over)")
 
 
 def test_the_example_has_every_kind_and_loses_but_two():

@@ -12,7 +12,7 @@ from moflock_mj.deployment.loop_health import Health
 from moflock_mj.deployment.member import Stage
 from moflock_mj.deployment.return_paths import distance, is_clear
 from moflock_mj.simulated_vehicles import ardupilot, px4
-from moflock_mj.simulated_vehicles.vehicle_faults import Fault, Schedule
+from moflock_mj.simulated_vehicles.vehicle_faults import Schedule, VehicleFault
 from tests.operations.test_deployment_faults import FAILSAFES, SMALL
 from tests.support.rehearsal import rehearse
 
@@ -111,7 +111,7 @@ def test_nobody_is_left_alone_while_an_order_to_arm_is_on_its_way():
         while not interrupts.in_flight:
             await asyncio.sleep(0.05)
         for station in fleet.stations:
-            slow = Fault.from_text("drone=0,kind=delay,value=2")
+            slow = VehicleFault.from_text("vehicle=0,kind=link_delay,delay=2")
             station.faults = Schedule([slow], lambda _: None, lambda _: None)
         while not any(station.vehicle.mode == ardupilot.GUIDED for station in fleet.stations):
             await asyncio.sleep(0.05)

@@ -55,7 +55,7 @@ def told(deployed, drone):
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_a_vehicle_falls_silent(autopilot):
-    deployed, truth, _ = broken("drone=1,kind=silent", autopilot)
+    deployed, truth, _ = broken("vehicle=1,kind=link_loss,share=1", autopilot)
     assert "nothing heard of it for 3.0 s: hold" in told(deployed, 1)
     assert [stage for number, stage in enumerate(deployed.stages) if number != 1] == [Stage.DOWN] * 3
     assert deployed.error == "1 vehicles are not heard any more"
@@ -65,7 +65,7 @@ def test_a_vehicle_falls_silent(autopilot):
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_a_third_of_all_packets_is_lost(autopilot):
-    deployed, truth, _ = broken("drone=all,kind=link_loss,value=0.3", autopilot)
+    deployed, truth, _ = broken("vehicle=all,kind=link_loss,share=0.3", autopilot)
     assert deployed.error is None
     assert set(deployed.stages) == {Stage.DOWN}
     assert not truth.armed[-1].any()
@@ -75,7 +75,7 @@ def test_a_third_of_all_packets_is_lost(autopilot):
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_all_links_are_half_a_second_late(autopilot):
     """The age of a position counts half of a round trip: all fly at half their speed."""
-    deployed, truth, _ = broken("drone=all,kind=delay,value=0.5", autopilot)
+    deployed, truth, _ = broken("vehicle=all,kind=link_delay,delay=0.5", autopilot)
     assert deployed.error is None
     assert "its position is" in told(deployed, 0)
     assert set(deployed.stages) == {Stage.DOWN}
@@ -84,7 +84,7 @@ def test_all_links_are_half_a_second_late(autopilot):
 
 def test_a_vehicle_takes_anothers_system_id():
     """It is not heard under its own id any more; what it says in the other's name is heard by nobody."""
-    deployed, truth, _ = broken("drone=1,kind=duplicate_id,value=1")
+    deployed, truth, _ = broken("vehicle=1,kind=duplicate_id,system=1")
     assert "nothing heard of it" in told(deployed, 1)
     assert "system id 1 is spoken for from elsewhere too" in told(deployed, 0)
     assert deployed.stages[0] is Stage.DOWN
@@ -93,7 +93,7 @@ def test_a_vehicle_takes_anothers_system_id():
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_a_vehicle_loses_its_gps(autopilot):
-    deployed, truth, fleet = broken("drone=2,kind=gps_loss", autopilot)
+    deployed, truth, fleet = broken("vehicle=2,kind=gps_loss", autopilot)
     assert "its failsafe flies it, in LAND" in told(deployed, 2)
     assert deployed.error is None
     assert not truth.armed[-1].any()
@@ -102,7 +102,7 @@ def test_a_vehicle_loses_its_gps(autopilot):
 
 
 def test_a_battery_is_low():
-    deployed, truth, _ = broken("drone=3,kind=low_battery,value=0.1")
+    deployed, truth, _ = broken("vehicle=3,kind=low_battery,charge=0.1")
     assert "10 % of its charge left: land" in told(deployed, 3)
     assert deployed.error is None
     down = truth.armed[:, 3].nonzero()[0].max()
@@ -112,7 +112,7 @@ def test_a_battery_is_low():
 
 def test_a_watchdogs_action_can_be_another():
     watchdogs = Watchdogs.from_texts(["battery=0.5:hold"])
-    deployed, _, fleet = broken("drone=3,kind=low_battery,value=0.4", watchdogs=watchdogs)
+    deployed, _, fleet = broken("vehicle=3,kind=low_battery,charge=0.4", watchdogs=watchdogs)
     assert "40 % of its charge left: hold" in told(deployed, 3)
     assert fleet.stations[3].vehicle.mode == ardupilot.LAND  # it landed with the others
 
@@ -126,7 +126,7 @@ def test_a_pilot_takes_over_and_is_never_fought(autopilot):
             modes.append((fleet.time, fleet.stations[1].vehicle.mode))
             await asyncio.sleep(0.02)
 
-    deployed, _, fleet = broken("drone=1,kind=pilot", autopilot, story=watch)
+    deployed, _, fleet = broken("vehicle=1,kind=pilot", autopilot, story=watch)
     vehicle = fleet.stations[1].vehicle
     assert f"somebody else flies it, in {vehicle.mode_names[vehicle.pilot_mode]}" in told(deployed, 1)
     assert {mode for time, mode in modes if time > AT + 0.1} == {vehicle.pilot_mode}
@@ -147,7 +147,7 @@ def test_nobody_hears_anybody_any_more(tmp_path):
         await asyncio.sleep(AT - 5)
         shutil.copy(tmp_path / "gone.mcap.part", cut)
 
-    deployed, truth, _ = broken("drone=all,kind=silent", log=path, story=cut_off)
+    deployed, truth, _ = broken("vehicle=all,kind=link_loss,share=1", log=path, story=cut_off)
     assert not truth.armed[-1].any()
     assert deployed.error
     logged = read_log(path)

@@ -10,7 +10,7 @@ import numpy as np
 from moflock_mj import load_point
 from moflock_mj.deployment.deployment import DeployPlan, InterruptHandler, deploy
 from moflock_mj.scenario.scenario import Scenario
-from moflock_mj.simulated_vehicles.vehicle_faults import Fault
+from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault
 from tests.support import simulated_time
 from tests.support.ground_station import fleet_of
 from tests.support.simulated_time import Wires, connections_to, flying
@@ -73,7 +73,7 @@ def rehearse(
     """
     flown = fleet_of(
         autopilot, vehicles=scenario.drones, scenario=scenario,
-        faults=[Fault.from_text(text) for text in faults], **(fleet or {}),
+        faults=[VehicleFault.from_text(text) for text in faults], **(fleet or {}),
     )  # fmt: skip
     for station in flown.stations:
         for name, value in (parameters or {}).items():

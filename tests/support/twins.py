@@ -73,7 +73,7 @@ def acting(scenario: Scenario, kind, i, time):
         for fault in scenario.faults
         if fault.kind == kind
         and fault.drone in (None, i)
-        and fault.at - 1e-9 <= time < fault.at + (fault.lasts or math.inf) - 1e-9
+        and fault.at - 1e-9 <= time < fault.at + (fault.duration or math.inf) - 1e-9
     ]
 
 
@@ -109,7 +109,7 @@ class SlowFlight:
                 xi = streams.sensing.standard_normal((2, 2, n))
                 for error, draws in ((own, xi[0].T), (sent, xi[1].T)):
                     self._drift(error, time, draws)
-                lost = streams.faults.random((n, n)) if "packet_loss" in str(scenario.faults) else np.ones((n, n))
+                lost = streams.faults.random((n, n)) if "link_loss" in str(scenario.faults) else np.ones((n, n))
                 heard = packets[k - late] if k >= late else first
                 desired = np.array([self._decide(i, time, x, v, own, sent, heard, lost[i]) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
@@ -118,7 +118,7 @@ class SlowFlight:
             size = np.linalg.norm(wanted, axis=1, keepdims=True)
             clipped = wanted * np.minimum(1, response.a_max / np.maximum(size, 1e-300))
             for i in range(n):
-                for fault in acting(scenario, "switched_off", i, time):
+                for fault in acting(scenario, "power_off", i, time):
                     left.setdefault(i, (fault.at, x[i].copy(), v[i].copy()))
             x = x + step * v
             v = v + 0.0
@@ -142,13 +142,13 @@ class SlowFlight:
         g, h = error.g.copy(), error.h.copy()
         error.drift(self.scenario, xi)
         for i in range(len(g)):
-            if acting(self.scenario, "gps_outage", i, time):
+            if acting(self.scenario, "gps_loss", i, time):
                 error.h[i] = h[i]
                 error.g[i] = g[i] + self.scenario.t_gps * h[i]
 
     def _packet(self, i, time, x, v):
         """What drone i sends: position and velocity, or None."""
-        if acting(self.scenario, "silent", i, time) or acting(self.scenario, "switched_off", i, time):
+        if acting(self.scenario, "cannot_transmit", i, time) or acting(self.scenario, "power_off", i, time):
             return None
         return x + np.append(self._jump(i, time), 0), v.copy()
 
@@ -161,7 +161,7 @@ class SlowFlight:
             if j == i or np.linalg.norm(x[j] - x[i]) >= scenario.r_comm:
                 self.last.pop((i, j), None)
                 continue
-            arrives = packet is not None and not acting(scenario, "blackout", i, time)
+            arrives = packet is not None and not acting(scenario, "cannot_receive", i, time)
             for share in (self._share(i, time), self._share(j, time)):
                 arrives = arrives and draws[j] >= share
             if arrives:
@@ -178,13 +178,13 @@ class SlowFlight:
             self.cut_off.discard(i)
         elif not receives and missing >= 2:
             self.cut_off.add(i)
-        if acting(scenario, "gps_outage", i, time) or i in self.cut_off:
+        if acting(scenario, "gps_loss", i, time) or i in self.cut_off:
             return np.zeros(2)
         reads = x[i, :2] + own.g[i] + self._jump(i, time)
         return desired_velocity(self.params, scenario, reads, v[i, :2] + own.h[i], receives)
 
     def _share(self, i, time):
-        kept = [1 - fault.share for fault in acting(self.scenario, "packet_loss", i, time)]
+        kept = [1 - fault.share for fault in acting(self.scenario, "link_loss", i, time)]
         return 1 - math.prod(kept)
 
 

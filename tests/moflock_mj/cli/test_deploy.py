@@ -152,9 +152,13 @@ def test_origins():
         ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot; it must be px4"),
         ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the 200 m arena"),
         ({"fleet": {"spacing": 2.0}}, DeploymentError, r"stand 2.0 m apart; it must be at least 3 m"),
-        ({"faults": ["drone=1,kind=low_battery,value=0.1"]}, DeploymentError, "battery at 10 %; it must be over 20 %"),
-        ({"faults": ["drone=1,kind=silent"]}, LinkError, "from 1 of 5 links"),
-        ({"faults": ["drone=1,kind=duplicate_id,value=1"]}, LinkError, "system id 1 is that of"),
+        (
+            {"faults": ["vehicle=1,kind=low_battery,charge=0.1"]},
+            DeploymentError,
+            "battery at 10 %; it must be over 20 %",
+        ),
+        ({"faults": ["vehicle=1,kind=link_loss,share=1"]}, LinkError, "from 1 of 5 links"),
+        ({"faults": ["vehicle=1,kind=duplicate_id,system=1"]}, LinkError, "system id 1 is that of"),
         ({"fleet": {"boot": 60.0, "ready": False}}, DeploymentError, "does not know where it is; wait for its GPS"),
     ],
 )

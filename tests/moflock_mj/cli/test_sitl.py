@@ -86,7 +86,10 @@ def test_it_waits_for_programs_that_the_user_starts(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--physics-for", "ardupilot", "--fault", "drone=0,at=1,kind=silent"], "--fault: --physics-for has no use"),
+        (
+            ["--physics-for", "ardupilot", "--fault", "vehicle=0,at=1,kind=link_loss,share=1"],
+            "--fault: --physics-for has no use",
+        ),
         (["--physics-for", "px4", "--base-port", "14600"], "--base-port: --physics-for has no use for it"),
         (["--autopilot-command", "copter"], "--autopilot-command: a fleet without --physics-for has no use for it"),
         (["--physics-for", "betaflight"], "is not one of 'ardupilot', 'px4'"),

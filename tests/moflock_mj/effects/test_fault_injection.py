@@ -54,33 +54,42 @@ def test_the_standard_set_has_every_kind_alone_and_is_kept_by_toml_and_json():
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ('kind = "silent"\ndrone = 40', r"faults\[1\]\.drone: 40 is out of bounds: it must be at most 29"),
-        ('kind = "silent"\ndrone = -1', r"faults\[1\]\.drone: -1 is out of bounds: it must be at least 0"),
-        ('kind = "silent"\ndrone = 1.5', r"faults\[1\]\.drone: 1\.5 is of the wrong type: it must be a whole number"),
-        ('kind = "silent"', r"faults\[1\]\.drone: is missing: silent befalls one drone"),
-        ('kind = "blackout"\nat = 600', r"faults\[1\]\.at: 600 s must be under the duration, 600 s"),
-        ('kind = "blackout"\nat = -1', r"faults\[1\]\.at: -1\.0 is out of bounds: it must be at least 0 s"),
-        ('kind = "blackout"\nat = nan', r"faults\[1\]\.at: nan is not a finite number"),
-        ('kind = "blackout"\nlasts = 0', r"faults\[1\]\.lasts: 0\.0 is out of bounds: it must be over 0 s"),
-        ('kind = "blackout"\nshare = 0.5', r"faults\[1\]\.share: 0\.5 means nothing to blackout: leave it out"),
-        ('kind = "blackout"\nfor = 3', r"faults\[1\]\.for: unknown name"),
-        ('kind = "fire"', r"faults\[1\]\.kind: 'fire' is out of bounds: it must be one of rotor_loss, gps_outage"),
-        ("at = 3", r"faults\[1\]\.kind: '' is out of bounds: it must be one of rotor_loss"),
-        ('kind = "packet_loss"', r"faults\[1\]\.share: is missing: packet_loss needs it"),
-        ('kind = "packet_loss"\nshare = 2', r"faults\[1\]\.share: 2\.0 is out of bounds: .* at most 1"),
+        ('kind = "cannot_transmit"\ndrone = 40', r"faults\[1\]\.drone: 40 is out of bounds: it must be at most 29"),
+        ('kind = "cannot_transmit"\ndrone = -1', r"faults\[1\]\.drone: -1 is out of bounds: it must be at least 0"),
+        (
+            'kind = "cannot_transmit"\ndrone = 1.5',
+            r"faults\[1\]\.drone: 1\.5 is of the wrong type: it must be a whole number",
+        ),
+        ('kind = "cannot_transmit"', r"faults\[1\]\.drone: is missing: cannot_transmit affects one drone"),
+        ('kind = "cannot_receive"\nat = 600', r"faults\[1\]\.at: 600 s must be under the duration, 600 s"),
+        ('kind = "cannot_receive"\nat = -1', r"faults\[1\]\.at: -1\.0 is out of bounds: it must be at least 0 s"),
+        ('kind = "cannot_receive"\nat = nan', r"faults\[1\]\.at: nan is not a finite number"),
+        ('kind = "cannot_receive"\nduration = 0', r"faults\[1\]\.duration: 0\.0 is out of bounds: it must be over 0 s"),
+        (
+            'kind = "cannot_receive"\nshare = 0.5',
+            r"faults\[1\]\.share: 0\.5 means nothing to cannot_receive: leave it out",
+        ),
+        ('kind = "cannot_receive"\nfor = 3', r"faults\[1\]\.for: unknown name"),
+        ('kind = "fire"', r"faults\[1\]\.kind: 'fire' is out of bounds: it must be one of rotor_failure, gps_loss"),
+        ("at = 3", r"faults\[1\]\.kind: '' is out of bounds: it must be one of rotor_failure"),
+        ('kind = "link_loss"', r"faults\[1\]\.share: is missing: link_loss needs it"),
+        ('kind = "link_loss"\nshare = 2', r"faults\[1\]\.share: 2\.0 is out of bounds: .* at most 1"),
         ('kind = "gps_jump"\njump = [1]', r"faults\[1\]\.jump: \[1\] is of the wrong type: it must be two numbers"),
         ('kind = "gps_jump"\njump = [1, "a"]', r"faults\[1\]\.jump: 'a' is of the wrong type: it must be a number"),
         (
             'kind = "gps_jump"\njump = [1, 1e9]',
             r"faults\[1\]\.jump: .* is out of bounds: .* at most 100000 m",
         ),
-        ('kind = "rotor_loss"\nrotor = 4\neffectiveness = 0', r"faults\[1\]\.rotor: 4 is out of bounds: .* at most 3"),
-        ('kind = "switched_off"\ndrone = 1\nlasts = 3', r"faults\[1\]\.lasts: 3 s means nothing to switched_off"),
+        (
+            'kind = "rotor_failure"\nrotor = 4\neffectiveness = 0',
+            r"faults\[1\]\.rotor: 4 is out of bounds: .* at most 3",
+        ),
+        ('kind = "power_off"\ndrone = 1\nduration = 3', r"faults\[1\]\.duration: 3 s means nothing to power_off"),
     ],
 )
 def test_refusals_name_fault_field_value_and_limit(fault, words):
     with pytest.raises(ScenarioError, match=words) as refusal:
-        Scenario.from_toml(f'[[faults]]\nkind = "blackout"\n\n[[faults]]\n{fault}\n')
+        Scenario.from_toml(f'[[faults]]\nkind = "cannot_receive"\n\n[[faults]]\n{fault}\n')
     assert "\n" not in str(refusal.value)
 
 
@@ -105,18 +114,18 @@ def test_faults_are_a_tuple_of_faults():
 
 
 def test_a_point_mass_has_no_rotors_and_live_bodies_no_schedule():
-    loss = FaultConfig(kind="rotor_loss", drone=0, rotor=0, effectiveness=0.5)
-    with pytest.raises(ScenarioError, match=r"faults\[1\]\.kind: rotor_loss needs rigid bodies"):
-        broken(FaultConfig(kind="blackout"), loss, dynamics="point_mass")
+    loss = FaultConfig(kind="rotor_failure", drone=0, rotor=0, effectiveness=0.5)
+    with pytest.raises(ScenarioError, match=r"faults\[1\]\.kind: rotor_failure needs rigid bodies"):
+        broken(FaultConfig(kind="cannot_receive"), loss, dynamics="point_mass")
     with pytest.raises(ScenarioError, match="faults: live bodies have none of a scenario"):
         RealtimeBodies(SHORT.replace(faults=(loss,)), np.zeros((4, 2)), RandomStreams.of(1))
 
 
 def test_a_fault_begins_and_ends_with_its_beats():
-    assert intervals_of(FaultConfig(kind="blackout", at=30.0, lasts=10.0), 0.1) == (300, 400)
-    assert intervals_of(FaultConfig(kind="blackout", at=0.25, lasts=0.1), 0.1) == (3, 4)
-    assert intervals_of(FaultConfig(kind="blackout", at=0.3), 0.1) == (3, NEVER)
-    faults, world = broken(FaultConfig(kind="blackout", at=0.7, lasts=0.6, drone=2))
+    assert intervals_of(FaultConfig(kind="cannot_receive", at=30.0, duration=10.0), 0.1) == (300, 400)
+    assert intervals_of(FaultConfig(kind="cannot_receive", at=0.25, duration=0.1), 0.1) == (3, 4)
+    assert intervals_of(FaultConfig(kind="cannot_receive", at=0.3), 0.1) == (3, NEVER)
+    faults, world = broken(FaultConfig(kind="cannot_receive", at=0.7, duration=0.6, drone=2))
     cannot_receive = []
     for interval in range(20):
         STRIKE(faults, world, interval)
@@ -131,37 +140,37 @@ def test_faults_together_are_those_of_the_slow_twin():
 
     def some(kind, **figures):
         drone = int(rng.integers(4)) if not KINDS[kind].of_all or rng.random() < 0.7 else None
-        lasts = None if not KINDS[kind].ends else round(rng.uniform(0.1, 5), 1)
-        return FaultConfig(kind=kind, at=round(rng.uniform(0, 8), 1), lasts=lasts, drone=drone, **figures)
+        duration = None if not KINDS[kind].ends else round(rng.uniform(0.1, 5), 1)
+        return FaultConfig(kind=kind, at=round(rng.uniform(0, 8), 1), duration=duration, drone=drone, **figures)
 
-    drawn = [some(kind) for kind in ("gps_outage", "blackout", "silent", "switched_off") for _ in range(2)]
+    drawn = [some(kind) for kind in ("gps_loss", "cannot_receive", "cannot_transmit", "power_off") for _ in range(2)]
     drawn += [some("gps_jump", jump=tuple(rng.normal(size=2))) for _ in range(6)]
-    drawn += [some("packet_loss", share=rng.random()) for _ in range(6)]
-    drawn += [some("rotor_loss", rotor=int(rng.integers(4)), effectiveness=rng.random()) for _ in range(9)]
+    drawn += [some("link_loss", share=rng.random()) for _ in range(6)]
+    drawn += [some("rotor_failure", rotor=int(rng.integers(4)), effectiveness=rng.random()) for _ in range(9)]
     faults, world = broken(*drawn)
     scenario = SHORT.replace(faults=tuple(drawn))
     for interval in range(0, 120):
         STRIKE(faults, world, interval)
         for i in range(4):
             act = {kind: acting(scenario, kind, i, interval / 10) for kind in KINDS}
-            off = act["switched_off"]
-            assert faults.cannot_receive[i] == bool(act["blackout"])
-            assert faults.cannot_transmit[i] == bool(act["silent"] + off)
+            off = act["power_off"]
+            assert faults.cannot_receive[i] == bool(act["cannot_receive"])
+            assert faults.cannot_transmit[i] == bool(act["cannot_transmit"] + off)
             assert (faults.stopped[i] == bool(off)).all()
             assert faults.off_intervals[i] == max((round(interval - 10 * fault.at) for fault in off), default=-1)
-            blind = max((interval / 10 - fault.at for fault in act["gps_outage"]), default=-1)
+            blind = max((interval / 10 - fault.at for fault in act["gps_loss"]), default=-1)
             assert faults.without_fix[i] == pytest.approx(blind, abs=1e-9)
             assert faults.jump[:, i] == pytest.approx(np.sum([[0, 0]] + [f.jump for f in act["gps_jump"]], axis=0))
-            assert 1 - faults.loss[i] == pytest.approx(np.prod([1 - fault.share for fault in act["packet_loss"]]))
+            assert 1 - faults.loss[i] == pytest.approx(np.prod([1 - fault.share for fault in act["link_loss"]]))
             for rotor in range(4):
-                left = [fault.effectiveness for fault in act["rotor_loss"] if fault.rotor == rotor]
+                left = [fault.effectiveness for fault in act["rotor_failure"] if fault.rotor == rotor]
                 assert faults.effectiveness[i, rotor] == pytest.approx(np.prod(left))
 
 
 def test_a_weak_rotor_delivers_its_share_and_no_other_does():
     gains = Simulation(load_point("A"), SHORT, "rigid_body", 1).body.design.gains
     thrust = np.arange(16.0).reshape(4, 4)
-    faults, world = broken(FaultConfig(kind="rotor_loss", drone=3, rotor=1, effectiveness=0.25))
+    faults, world = broken(FaultConfig(kind="rotor_failure", drone=3, rotor=1, effectiveness=0.25))
     STRIKE(faults, world, 0)
     assert WRENCH(faults, gains, thrust, 3) == pytest.approx(gains.wrench_matrix @ [12, 13 / 4, 14, 15])
     assert WRENCH(faults, gains, thrust, 2) == pytest.approx(gains.wrench_matrix @ thrust[2])
@@ -169,7 +178,7 @@ def test_a_weak_rotor_delivers_its_share_and_no_other_does():
 
 
 def test_an_estimator_without_gps_is_corrected_in_height_alone():
-    faults, world = broken(FaultConfig(kind="gps_outage", drone=1))
+    faults, world = broken(FaultConfig(kind="gps_loss", drone=1))
     imu = make_imu(SHORT.replace(imu=effect_configs.ImuConfig(baro_noise=0.0, compass_noise=0.0)), 0.005, 0.1, world)
     STRIKE(faults, world, 0)
     qpos, qvel = np.zeros((4, 7)), np.ones((4, 6))
@@ -184,16 +193,16 @@ def test_an_estimator_without_gps_is_corrected_in_height_alone():
 def test_events_tell_beginning_and_end_once_however_the_flight_is_cut():
     scenario = SHORT.replace(
         faults=(
-            FaultConfig(kind="gps_outage", at=3.0, lasts=2.0, drone=1),
-            FaultConfig(kind="blackout", at=0.0),
-            FaultConfig(kind="blackout", at=1.0, lasts=99.0),
+            FaultConfig(kind="gps_loss", at=3.0, duration=2.0, drone=1),
+            FaultConfig(kind="cannot_receive", at=0.0),
+            FaultConfig(kind="cannot_receive", at=1.0, duration=99.0),
         )
     )
     told = [event for k in range(-1, 120) for event in fault_events(scenario, 0.1, k * 10**8, (k + 1) * 10**8)]
     assert told == fault_events(scenario, 0.1, -1, 12 * 10**9)
     assert [(event.time_ns / 1e9, event.level, event.message, event.drone) for event in told] == [
-        (0.0, "warning", "all drones: hears nobody", -1),
-        (1.0, "warning", "all drones: hears nobody", -1),
+        (0.0, "warning", "all drones: cannot receive", -1),
+        (1.0, "warning", "all drones: cannot receive", -1),
         (3.0, "warning", "drone 1: no GPS", 1),
         (5.0, "warning", "drone 1: no GPS (over)", 1),
     ]

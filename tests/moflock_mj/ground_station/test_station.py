@@ -17,7 +17,7 @@ from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.endpoint import Endpoint
 from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
-from moflock_mj.simulated_vehicles.vehicle_faults import Fault
+from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault
 from tests.support import simulated_time
 from tests.support.ground_station import CALM, fleet_of
 from tests.support.simulated_time import Wires, connections_to, flying
@@ -94,7 +94,7 @@ def test_vehicles_tell_where_they_are(autopilot):
 
 
 def test_who_is_missing_is_named():
-    fleet = fleet_of("px4", vehicles=2, faults=[Fault.from_text("drone=1,kind=silent")])
+    fleet = fleet_of("px4", vehicles=2, faults=[VehicleFault.from_text("vehicle=1,kind=link_loss,share=1")])
 
     async def story(*_):
         raise AssertionError
@@ -122,7 +122,7 @@ def test_links_that_are_not_signed_tell_why_nobody_is_heard():
 
 
 def test_a_duplicated_system_id():
-    fleet = fleet_of("px4", vehicles=2, faults=[Fault.from_text("drone=1,kind=duplicate_id,value=1")])
+    fleet = fleet_of("px4", vehicles=2, faults=[VehicleFault.from_text("vehicle=1,kind=duplicate_id,system=1")])
 
     async def story(*_):
         raise AssertionError
@@ -181,9 +181,9 @@ def test_parameters_are_set_and_read_back(autopilot):
     assert parameters[real] == pytest.approx(7.3)
 
 
-@pytest.mark.parametrize("fault", [None, "drone=0,kind=link_loss,value=0.3", "drone=0,kind=delay,value=0.5"])
+@pytest.mark.parametrize("fault", [None, "vehicle=0,kind=link_loss,share=0.3", "vehicle=0,kind=link_delay,delay=0.5"])
 def test_a_fence_goes_up_and_comes_down_by_a_bad_link_too(fault):
-    fleet = fleet_of("px4", faults=[Fault.from_text(fault)] if fault else [])
+    fleet = fleet_of("px4", faults=[VehicleFault.from_text(fault)] if fault else [])
     corners = [(47.0, 8.0), (47.0, 8.1), (47.1, 8.1), (47.1, 8.0), (47.05, 7.9)]
     fence = [
         *(FenceItem(mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 5, *corner) for corner in corners),
@@ -221,7 +221,7 @@ def test_messages_are_asked_for():
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_vehicle_flies_by_what_its_heartbeat_says(autopilot, loss):
-    fleet = fleet_of(autopilot, faults=[Fault.from_text(f"drone=0,kind=link_loss,value={loss}")])
+    fleet = fleet_of(autopilot, faults=[VehicleFault.from_text(f"vehicle=0,kind=link_loss,share={loss}")])
 
     async def stream(vehicle, velocity):
         while True:

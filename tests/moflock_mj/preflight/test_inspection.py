@@ -15,7 +15,7 @@ from moflock_mj.preflight.inspection import LivePlan, inspect
 from moflock_mj.preflight.results import CheckResult
 from moflock_mj.simulated_vehicles.parameter_table import ParameterTable
 from moflock_mj.simulated_vehicles.px4 import HOLD, OFFBOARD
-from moflock_mj.simulated_vehicles.vehicle_faults import Fault
+from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault
 from tests.support import simulated_time
 from tests.support.ground_station import fleet_of
 from tests.support.simulated_time import Wires, connections_to, flying
@@ -23,7 +23,7 @@ from tests.support.simulated_time import Wires, connections_to, flying
 SCENARIO = Scenario(arena_side=200.0, t_del=0.2)
 AUTOPILOTS = ("ardupilot", "px4")
 KEY = SigningKey(bytes(range(32)))
-GPS_LOST = "drone=1,kind=gps_loss"
+GPS_LOST = "vehicle=1,kind=gps_loss"
 
 
 def look(fleet, *, key=None, first=None, **plan):
@@ -123,7 +123,7 @@ def test_a_px4_that_is_in_offboard_after_a_flight_is_let_hold():
 @pytest.mark.parametrize("unknown", [-1.0, 0.0])
 def test_a_battery_that_nobody_has_described_must_have_half(unknown):
     """PX4's BAT1_CAPACITY is -1 until somebody sets it."""
-    fleet = fleet_of("px4", faults=[Fault.from_text("drone=0,kind=low_battery,value=0.45")])
+    fleet = fleet_of("px4", faults=[VehicleFault.from_text("vehicle=0,kind=low_battery,charge=0.45")])
     fleet.stations[0].vehicle.parameters.set_value("BAT1_CAPACITY", unknown)
     (battery,) = look(fleet).batteries(60_000.0)
     assert battery.result is CheckResult.FAILURE
@@ -154,15 +154,15 @@ def ready():
 @pytest.mark.parametrize(
     ("fault", "rows"),
     [
-        ("drone=1,kind=low_battery,value=0.1", {("vehicle 2", "battery")}),
-        ("drone=1,kind=delay,value=0.3", {("vehicle 2", "link's round trip")}),
-        ("drone=1,kind=link_loss,value=0.3", {("vehicle 2", "link's loss")}),
+        ("vehicle=1,kind=low_battery,charge=0.1", {("vehicle 2", "battery")}),
+        ("vehicle=1,kind=link_delay,delay=0.3", {("vehicle 2", "link's round trip")}),
+        ("vehicle=1,kind=link_loss,share=0.3", {("vehicle 2", "link's loss")}),
         (GPS_LOST, {("vehicle 2", name) for name in ("GPS fix", "GPS satellites", "sensors", "arming checks")}),
-        ("drone=1,kind=silent,at=7", {("vehicle 2", "link alive")}),
+        ("vehicle=1,kind=link_loss,share=1,at=7", {("vehicle 2", "link alive")}),
     ],
 )
 def test_a_fault_shows_in_its_row(ready, fault, rows):
-    fleet = ready(faults=[Fault.from_text(fault)])
+    fleet = ready(faults=[VehicleFault.from_text(fault)])
     seen = look(fleet, wait=8.0)
     found = wrong(seen)
     assert rows <= {row for row, result in found.items() if result is CheckResult.FAILURE}
@@ -222,8 +222,12 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
 @pytest.mark.parametrize(
     ("plan", "asked", "words"),
     [
-        ({"faults": [Fault.from_text("drone=1,kind=silent")]}, {}, "from 1 of 2 links within 2 s: udpout:127.0.0.1:"),
-        ({"faults": [Fault.from_text("drone=1,kind=duplicate_id,value=1")]}, {}, "system id 1 is that of"),
+        (
+            {"faults": [VehicleFault.from_text("vehicle=1,kind=link_loss,share=1")]},
+            {},
+            "from 1 of 2 links within 2 s: udpout:127.0.0.1:",
+        ),
+        ({"faults": [VehicleFault.from_text("vehicle=1,kind=duplicate_id,system=1")]}, {}, "system id 1 is that of"),
         ({}, {"autopilot": "ardupilot"}, "autopilot is px4; it must be ardupilot"),
         ({}, {"count": 3}, r"2 heard \(system ids 1, 2\); it must be 3"),
         ({}, {"key": KEY}, "packets were unsigned or wrongly signed"),

@@ -82,7 +82,7 @@ SMALL = Scenario(drones=3, duration=4.0, arena_side=100.0)
 
 def test_flights_are_those_of_their_seeds_in_the_scenario_to_be_flown():
     told = []
-    scenario = SMALL.replace(faults=(FaultConfig(drone=1, kind="switched_off", at=2.0),))
+    scenario = SMALL.replace(faults=(FaultConfig(drone=1, kind="power_off", at=2.0),))
     flights = fly_trials(KNEE, scenario, (3, 4), workers=2, progress=told.append)
     alone = fly(KNEE, scenario=scenario, dynamics="rigid_body", seed=4, keep_samples=False)
     assert flights[1].order_parameters == alone.order_parameters

@@ -13,7 +13,7 @@ from moflock_mj.simulated_vehicles.ardupilot import GUIDED, RTL
 from moflock_mj.simulated_vehicles.fleet import AUTOPILOTS, TICK
 from moflock_mj.simulated_vehicles.px4 import OFFBOARD, RETURN
 from moflock_mj.simulated_vehicles.vehicle import Phase
-from moflock_mj.simulated_vehicles.vehicle_faults import Fault
+from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault
 from tests.support.ground_station import CALM, GroundStation, fleet_of, velocity
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
@@ -123,7 +123,7 @@ def test_an_empty_battery_lets_it_fall(station):
 
 
 def test_a_lost_rotor_is_a_crash(autopilot):
-    fault = Fault.from_text("drone=0,at=12,kind=motor_failure,value=2")
+    fault = VehicleFault.from_text("vehicle=0,at=12,kind=rotor_failure,rotor=2")
     station = GroundStation(fleet_of(autopilot, faults=[fault]))
     station.take_off(8.0)
     assert station.wait(10.0, until=lambda: not station.vehicle.armed)
@@ -224,7 +224,7 @@ def test_an_estimator_that_is_not_ready_refuses_to_arm(autopilot):
 
 
 def test_without_gps_it_lands(autopilot):
-    fault = Fault.from_text("drone=0,at=14,kind=gps_loss")
+    fault = VehicleFault.from_text("vehicle=0,at=14,kind=gps_loss")
     station = GroundStation(fleet_of(autopilot, faults=[fault]))
     station.take_off(3.0)
     station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 24, 100_000)

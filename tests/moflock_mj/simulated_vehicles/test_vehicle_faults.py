@@ -2,59 +2,58 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 from moflock_mj.errors import FleetError
 from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.simulated_vehicles.ardupilot import LOITER
-from moflock_mj.simulated_vehicles.vehicle_faults import ALL, Fault, check_faults, load_faults
+from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault, check_faults, load_faults
 from tests.support.ground_station import GroundStation, fleet_of
 
 
 def faulty(text, *, number=0, **plan):
-    return GroundStation(fleet_of("ardupilot", faults=[Fault.from_text(text)], **plan), number)
+    return GroundStation(fleet_of("ardupilot", faults=[VehicleFault.from_text(text)], **plan), number)
 
 
 def test_a_text():
-    assert Fault.from_text("drone=3, at=20,kind=gps_loss,for=10") == Fault(
-        drone=3, kind="gps_loss", at=20.0, duration=10.0, value=0.0
+    assert VehicleFault.from_text("vehicle=3, at=20,kind=gps_loss,duration=10") == VehicleFault(
+        vehicle=3, kind="gps_loss", at=20.0, duration=10.0
     )
-    assert Fault.from_text("drone=all,kind=delay") == Fault(
-        drone=ALL, kind="delay", at=0.0, duration=math.inf, value=0.5
-    )
+    assert VehicleFault.from_text("vehicle=all,kind=link_delay,delay=0.5") == VehicleFault(kind="link_delay", delay=0.5)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", "must be key=value"),
-        ("drone=1", "kind None is unknown"),
-        ("kind=silent", "drone is missing"),
-        ("drone=1,kind=fire", "kind 'fire' is unknown: it must be one of silent"),
-        ("drone=1,kind=silent,when=3", "when is unknown"),
-        ("drone=1,drone=2,kind=silent", "each key once"),
-        ("drone=-1,kind=silent", "drone -1.0 is out of bounds"),
-        ("drone=1.5,kind=silent", "drone 1.5 is out of bounds: it must be whole"),
-        ("drone=1,kind=silent,at=nan", "at nan is out of bounds"),
-        ("drone=1,kind=silent,at=soon", "at 'soon' is out of bounds"),
-        ("drone=1,kind=link_loss,value=2", "value 2.0 is out of bounds: it must be from 0 to 1"),
+        ("vehicle=1", "kind: '' is out of bounds: it must be one of gps_loss"),
+        ("kind=link_loss", "share: is missing: link_loss needs it"),
+        ("kind=gps_loss,share=1", "share: 1.0 means nothing to gps_loss"),
+        ("vehicle=1,kind=fire", "kind: 'fire' is out of bounds: it must be one of gps_loss"),
+        ("vehicle=1,kind=link_loss,share=1,when=3", "when: unknown name"),
+        ("vehicle=1,vehicle=2,kind=link_loss,share=1", "each key once"),
+        ("vehicle=-1,kind=link_loss,share=1", "vehicle: -1 is out of bounds"),
+        ("vehicle=1.5,kind=link_loss,share=1", "vehicle: 1.5 is of the wrong type: it must be a whole number"),
+        ("vehicle=1,kind=link_loss,share=1,at=nan", "at: nan is not a finite number"),
+        ("vehicle=1,kind=link_loss,share=1,at=soon", "at: 'soon' is of the wrong type"),
+        ("vehicle=1,kind=link_loss,share=2", "share: 2.0 is out of bounds: it must be at least 0 and at most 1"),
     ],
 )
 def test_a_bad_text(text, words):
     with pytest.raises(FleetError, match=words):
-        Fault.from_text(text)
+        VehicleFault.from_text(text)
 
 
 def test_a_file(tmp_path):
     path = tmp_path / "faults.toml"
-    path.write_text('[[fault]]\ndrone = 1\nkind = "silent"\nat = 2\n[[fault]]\ndrone = "all"\nkind = "delay"\n')
-    assert [fault.kind for fault in load_faults(path)] == ["silent", "delay"]
-    path.write_text("drone = 1")
+    path.write_text(
+        '[[faults]]\nvehicle = 1\nkind = "cannot_transmit"\nat = 2\n[[faults]]\nkind = "link_delay"\ndelay = 1\n'
+    )
+    assert [fault.kind for fault in load_faults(path)] == ["cannot_transmit", "link_delay"]
+    path.write_text("vehicle = 1")
     with pytest.raises(FleetError, match="nothing but tables"):
         load_faults(path)
-    path.write_text("[[fault")
+    path.write_text("[[faults")
     with pytest.raises(FleetError, match="not TOML"):
         load_faults(path)
     with pytest.raises(FleetError, match="No such file"):
@@ -62,12 +61,12 @@ def test_a_file(tmp_path):
 
 
 def test_a_drone_that_there_is_not():
-    with pytest.raises(FleetError, match="drone 4 is out of bounds: it must be below 4"):
-        check_faults([Fault.from_text("drone=4,kind=silent")], 4)
+    with pytest.raises(FleetError, match="vehicle 4 is out of bounds: it must be at most 3"):
+        check_faults([VehicleFault.from_text("vehicle=4,kind=link_loss,share=1")], 4)
 
 
 def test_a_silent_vehicle_neither_sends_nor_hears_and_comes_back():
-    station = faulty("drone=0,kind=silent,at=6,for=5")
+    station = faulty("vehicle=0,kind=link_loss,share=1,at=6,duration=5")
     station.wait(1.9)
     station.heard.clear()
     station.wait(4.9)
@@ -78,7 +77,7 @@ def test_a_silent_vehicle_neither_sends_nor_hears_and_comes_back():
 
 
 def test_a_lossy_link_loses_its_share_and_the_sequence_shows_it():
-    station = faulty("drone=0,kind=link_loss,value=0.3")
+    station = faulty("vehicle=0,kind=link_loss,share=0.3")
     for _ in range(20):  # a command may be lost
         station.send(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 32, 20_000, 0, 0, 0, 0, 0))
     station.wait(20.0)
@@ -87,7 +86,7 @@ def test_a_lossy_link_loses_its_share_and_the_sequence_shows_it():
 
 
 def test_a_delayed_link():
-    station = faulty("drone=0,kind=delay,value=0.5")
+    station = faulty("vehicle=0,kind=link_delay,delay=0.5")
     asked = station.fleet.time
     station.send(mavlink.MAVLink_timesync_message(0, 1))
     assert station.wait(3.0, until=lambda: "TIMESYNC" in station.heard)
@@ -96,7 +95,7 @@ def test_a_delayed_link():
 
 
 def test_a_vehicle_that_takes_anothers_system_id():
-    station = faulty("drone=1,kind=duplicate_id,value=1,at=6,for=4", number=1, vehicles=2)
+    station = faulty("vehicle=1,kind=duplicate_id,system=1,at=6,duration=4", number=1, vehicles=2)
     station.wait(1.5)
     assert {message.get_srcSystem() for message in station.heard["HEARTBEAT"]} == {2}
     station.wait(2.0)
@@ -106,14 +105,14 @@ def test_a_vehicle_that_takes_anothers_system_id():
 
 
 def test_a_battery_that_is_low_of_a_sudden():
-    station = faulty("drone=0,kind=low_battery,value=0.2,at=5")
+    station = faulty("vehicle=0,kind=low_battery,charge=0.2,at=5")
     assert station.vehicle.battery.remaining > 0.99
     station.wait(2.0)
     assert station.vehicle.battery.remaining == pytest.approx(0.2, abs=0.01)
 
 
 def test_a_pilot_takes_over():
-    station = faulty("drone=0,kind=pilot,at=12")
+    station = faulty("vehicle=0,kind=pilot,at=12")
     station.take_off(4.0)
     station.wait(6.0)
     assert station.vehicle.mode == LOITER

@@ -49,7 +49,7 @@ def test_all_that_was_promised_is_there(validated):
         "All fitnesses",
         "Rigid bodies",
         "The front again",
-        "switched_off",
+        "power_off",
         "mine: flyable",
     ):
         assert words in printed
@@ -114,18 +114,18 @@ def test_a_directory_comes_back(validated):
 def test_what_a_fault_brings_down_by_itself_is_not_lost_to_others():
     """One drone lost: the one that was switched off, but by a blackout an innocent one."""
     scenario = Scenario(drones=5)
-    faults = {name: standard_faults(scenario)[name] for name in ("switched_off", "blackout")}
+    faults = {name: standard_faults(scenario)[name] for name in ("power_off", "cannot_receive")}
     job, task = Job(scenario=scenario, dynamics="rigid_body"), EvaluationTask(0, load_point("A"), (1,))
     one, three, failed = (infeasible(job, task, "as for a test") for _ in range(3))
     for flown, lost in ((one, 1), (three, 3)):
         flown.figures[0] = 0.0
         flown.figures[0, FIGURE_NAMES.index("lost")] = lost
-    switched_off, blackout = fault_trials(faults, [one, three, failed] * 2, points=1, seeds=3)
-    assert switched_off.lost.tolist() == [[0, 2, 4]]
-    assert blackout.lost.tolist() == [[1, 3, 5]]
-    assert (switched_off.survived.tolist(), blackout.survived.tolist()) == ([1], [0])
-    assert [trial.verdict for trial in (switched_off, blackout)] == ["not survived"] * 2
-    (alone,) = fault_trials({"switched_off": faults["switched_off"]}, [one], points=1, seeds=1)
+    power_off, cannot_receive = fault_trials(faults, [one, three, failed] * 2, points=1, seeds=3)
+    assert power_off.lost.tolist() == [[0, 2, 4]]
+    assert cannot_receive.lost.tolist() == [[1, 3, 5]]
+    assert (power_off.survived.tolist(), cannot_receive.survived.tolist()) == ([1], [0])
+    assert [trial.verdict for trial in (power_off, cannot_receive)] == ["not survived"] * 2
+    (alone,) = fault_trials({"power_off": faults["power_off"]}, [one], points=1, seeds=1)
     assert alone.verdict == "unharmed"
 
 
@@ -136,7 +136,7 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
         page = make_study(scenario, tmp_path / "logs", tmp_path / "docs", **effort)
         text = page.read_text()
         assert "Velocity error" in text
-        assert "switched_off" in text
+        assert "power_off" in text
         assert (tmp_path / "docs" / "validation" / "fronts.png").exists()
     flights = 2 * 2 + len(standard_faults(scenario))
     assert len(rows_of(tmp_path / "logs")) == flights * len(POINTS)
