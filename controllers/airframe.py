@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
+GRAVITY = 9.81
+"""m/s^2, as in the flock\'s model."""
+
 ROTORS = 4
 """Rotors of a vehicle."""
 
@@ -49,18 +52,10 @@ class Airframe:
     radius: float
     half_height: float
 
-    def hover_thrust(self, g: float = 9.81) -> float:
-        """Thrust of one rotor in hover, N.
+    def hover_thrust(self) -> float:
+        """Thrust of one rotor in hover, N."""
+        return self.mass * GRAVITY / ROTORS
 
-        Args:
-            g: acceleration of gravity, m/s^2.
-        """
-        return self.mass * g / ROTORS
-
-    def thrust_to_weight(self, g: float = 9.81) -> float:
-        """Thrust of all rotors over weight.
-
-        Args:
-            g: acceleration of gravity, m/s^2.
-        """
-        return self.thrust_max / self.hover_thrust(g)
+    def thrust_to_weight(self) -> float:
+        """Thrust of all rotors over weight."""
+        return self.thrust_max / self.hover_thrust()

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.airframe import GRAVITY
 from controllers.compiling import hot_kernel, kernel
 from controllers.geometry import body_axes
 
@@ -75,7 +76,6 @@ def design_fixes(
     velocity_noise: float,
     height_noise: float,
     heading_noise: float,
-    gravity: float = 9.81,
 ) -> FixGains:
     """Gains of the stationary Kalman filters that these noises ask for.
 
@@ -92,8 +92,8 @@ def design_fixes(
     """
     # Errors of velocity, tilt and rate bias: v' = g tilt, tilt' = -bias.
     level = _stationary_gain(
-        [[0, gravity, 0], [0, 0, -1], [0, 0, 0]],
-        (accel_noise, math.hypot(gyro_noise, accel_walk / gravity), gyro_walk),
+        [[0, GRAVITY, 0], [0, 0, -1], [0, 0, 0]],
+        (accel_noise, math.hypot(gyro_noise, accel_walk / GRAVITY), gyro_walk),
         velocity_noise,
         period,
     )

@@ -46,10 +46,12 @@ if TYPE_CHECKING:
     from moflock_mj.scenario.scenario import Scenario as Scenario
     from moflock_mj.simulation.results import Flight as Flight
     from moflock_mj.simulation.simulation import Simulation as Simulation
+    from moflock_mj.world.circle import Circle as Circle
     from moflock_mj.world.square import Square as Square
 
 _MODULES = {
     "BatteryConfig": "moflock_mj.scenario.effect_configs",
+    "Circle": "moflock_mj.world.circle",
     "DownwashConfig": "moflock_mj.scenario.effect_configs",
     "DragConfig": "moflock_mj.scenario.effect_configs",
     "FaultConfig": "moflock_mj.scenario.faults",

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.airframe import ROTORS, Airframe
+from controllers.airframe import GRAVITY, ROTORS, Airframe
 from controllers.flight_control.cascade import Gains
 from controllers.flight_control.mixer import wrench_matrix
 
@@ -79,7 +79,6 @@ def design_gains(
     tau: float = 1.0,
     a_max: float = 6.0,
     tilt_max: float = math.radians(45),
-    g: float = 9.81,
     bandwidths: Bandwidths = Bandwidths(),
 ) -> LoopDesign:
     """Design the controller of an airframe.
@@ -90,19 +89,18 @@ def design_gains(
         tau: s, time constant of the velocity's response.
         a_max: m/s^2, bound of the commanded horizontal acceleration.
         tilt_max: rad, bound of the commanded tilt.
-        g: m/s^2, acceleration of gravity.
         bandwidths: where the loops cross.
 
     Raises:
         GainDesignError: the airframe is too weak for a_max, its rotors cannot steer it, or a loop falls short of 6 dB
             or 45 degrees.
     """
-    for field, value in (("step", step), ("tau", tau), ("a_max", a_max), ("g", g)):
+    for field, value in (("step", step), ("tau", tau), ("a_max", a_max)):
         if not (math.isfinite(value) and value > 0):
             raise GainDesignError(f"{field}: {value:g} must be above 0")
     if not 0 < tilt_max < math.pi / 2:
         raise GainDesignError(f"tilt_max: {tilt_max:g} rad must be between 0 and pi/2")
-    _check_strength(airframe, a_max, g)
+    _check_strength(airframe, a_max)
     matrix, mixer = _steering(airframe)
     loops = _Loops(airframe, step, bandwidths, 1 / tau)
     margins = tuple(loops.margins)
@@ -114,7 +112,7 @@ def design_gains(
         inertia_x=airframe.inertia[0],
         inertia_y=airframe.inertia[1],
         inertia_z=airframe.inertia[2],
-        gravity=g,
+        gravity=GRAVITY,
         thrust_max=airframe.thrust_max,
         rotor_blend=-math.expm1(-step / airframe.rotor_lag),
         velocity_gain=loops.velocity_gain,
@@ -122,7 +120,7 @@ def design_gains(
         tilt_tangent=math.tan(tilt_max),
         tilt_cosine=math.cos(tilt_max),
         climb_rate_max=3.0,
-        vertical_acceleration_max=min(g / 2, (THRUST_SHARE * airframe.thrust_to_weight(g) - 1) * g),
+        vertical_acceleration_max=min(GRAVITY / 2, (THRUST_SHARE * airframe.thrust_to_weight() - 1) * GRAVITY),
         body_rate_max=2 * math.pi,
         altitude_gain=loops.altitude_gain,
         climb_gain=loops.climb_gain,
@@ -133,36 +131,34 @@ def design_gains(
         rate_gain_z=rate_gain_z,
         observer_velocity_gain=loops.observer_velocity_gain,
         observer_disturbance_gain=loops.observer_disturbance_gain,
-        disturbance_max=disturbance_bound(tilt_max, g),
-        wind_max=disturbance_bound(tilt_max, g),
+        disturbance_max=disturbance_bound(tilt_max),
+        wind_max=disturbance_bound(tilt_max),
         wrench_matrix=matrix,
         mixer=mixer,
     )
     return LoopDesign(gains=gains, margins=margins)
 
 
-def disturbance_bound(tilt_max: float, g: float = 9.81) -> float:
+def disturbance_bound(tilt_max: float) -> float:
     """Largest disturbance that the observer takes for real, m/s^2.
 
     Never more than half of what the tilt can push, nor, with the bound on vertical acceleration, all of gravity.
 
     Args:
         tilt_max: rad.
-        g: m/s^2.
     """
-    return min(g * math.tan(tilt_max) / 2, g / 4)
+    return min(GRAVITY * math.tan(tilt_max) / 2, GRAVITY / 4)
 
 
-def maximum_horizontal_force(airframe: Airframe, tilt_max: float, g: float = 9.81) -> float:
+def maximum_horizontal_force(airframe: Airframe, tilt_max: float) -> float:
     """Horizontal acceleration that a vehicle can hold in level flight by tilt and `THRUST_SHARE` of its rotors, m/s^2.
 
     Args:
         airframe: the vehicle.
         tilt_max: rad.
-        g: m/s^2.
     """
     lift = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
-    return min(g * math.tan(tilt_max), math.sqrt(max(lift**2 - g**2, 0.0)))
+    return min(GRAVITY * math.tan(tilt_max), math.sqrt(max(lift**2 - GRAVITY**2, 0.0)))
 
 
 class _Loops:
@@ -237,14 +233,14 @@ class _Loops:
         self._report(loop, inner * actuation * (feedback_law + q * self.s) / self.s)
 
 
-def _check_strength(airframe: Airframe, a_max: float, g: float) -> None:
+def _check_strength(airframe: Airframe, a_max: float) -> None:
     available = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
-    if available <= g:
-        ratio = airframe.thrust_to_weight(g)
+    if available <= GRAVITY:
+        ratio = airframe.thrust_to_weight()
         raise GainDesignError(
             f"airframe {airframe.name}: thrust to weight of {ratio:.3g} must be above {1 / THRUST_SHARE:.3g}"
         )
-    reachable = math.sqrt(available**2 - g**2)
+    reachable = math.sqrt(available**2 - GRAVITY**2)
     if a_max > reachable:
         raise GainDesignError(
             f"a_max: {a_max:g} m/s^2 is too much for the airframe {airframe.name}, must be at most {reachable:.3g} "

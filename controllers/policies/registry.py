@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, cast, get_type_hints
 
 from controllers.policies.interface import PolicySpec
+from controllers.policies.reynolds import REYNOLDS
 from controllers.policies.target_tracking import TARGET_TRACKING
 from controllers.policies.vasarhelyi import VASARHELYI
 
-POLICIES = {spec.name: spec for spec in (VASARHELYI, TARGET_TRACKING)}
+POLICIES = {spec.name: spec for spec in (VASARHELYI, TARGET_TRACKING, REYNOLDS)}
 """By name. A policy that is added here can be flown, logged, searched and deployed."""
 
 DEFAULT_POLICY = VASARHELYI.name

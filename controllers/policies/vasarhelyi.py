@@ -25,6 +25,7 @@ from controllers.policies.interface import (
     SpeedLimits,
     desired_velocity,
 )
+from controllers.policies.shill import add_walls
 
 
 class VasarhelyiParams(NamedTuple):
@@ -88,21 +89,6 @@ def _alignment(params: VasarhelyiParams, rx: float, ry: float, vx: float, vy: fl
     return gain * vx, gain * vy
 
 
-@kernel
-def _shill(
-    params: VasarhelyiParams, distance: float, normal_x: float, normal_y: float, vx: float, vy: float
-) -> tuple[float, float]:
-    """Velocity towards that of a wall's shill agent, for a drone `distance` metres before it that moves at (vx, vy)."""
-    ex, ey = params.v_shill * normal_x - vx, params.v_shill * normal_y - vy
-    difference_sq = ex * ex + ey * ey
-    tolerated = braking_curve(distance - params.r0_shill, params.a_shill, params.p_shill)
-    if difference_sq <= tolerated * tolerated:
-        return 0.0, 0.0
-    difference = sqrt(difference_sq)
-    gain = params.c_shill * (difference - tolerated) / difference
-    return gain * ex, gain * ey
-
-
 @hot_kernel
 def vasarhelyi_velocity(
     params: VasarhelyiParams, limits: SpeedLimits, observation: Observation, i: int
@@ -131,12 +117,7 @@ def vasarhelyi_velocity(
         )
         want_x += rep_x + frict_x
         want_y += rep_y + frict_y
-    for wall in range(observation.wall_distance.shape[0]):
-        normal_x, normal_y = observation.wall_normal[wall, 0, i], observation.wall_normal[wall, 1, i]
-        shill_x, shill_y = _shill(params, observation.wall_distance[wall, i], normal_x, normal_y, vx, vy)
-        want_x += shill_x
-        want_y += shill_y
-    return want_x, want_y
+    return add_walls(params, observation, i, want_x, want_y)
 
 
 @implements(desired_velocity, VasarhelyiParams)

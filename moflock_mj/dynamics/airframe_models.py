@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from controllers.airframe import ROTORS, Airframe
+from controllers.airframe import GRAVITY, ROTORS, Airframe
 from moflock_mj.errors import AirframeError
 
 _GROUND = "ground"
@@ -115,7 +115,7 @@ def flock_spec(airframe_name: str, drones: int, timestep: float, *, visuals: boo
         place.attach_body(body, body_prefix(drone, drones), "")
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.gravity = (0.0, 0.0, -9.81)
+    spec.option.gravity = (0.0, 0.0, -GRAVITY)
     spec.option.disableflags |= _DISABLED
     return spec
 

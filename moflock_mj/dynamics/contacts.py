@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.airframe import ROTORS
+from controllers.airframe import GRAVITY, ROTORS
 from controllers.compiling import hot_kernel, hot_stage, implements, kernel
 from moflock_mj.dynamics.bodies import GROUND, RigidBody
 from moflock_mj.effects.disturbance import outer_force
@@ -62,7 +62,7 @@ def _may_touch(dynamics: RigidBody, steps: int) -> bool:
     # Full thrust along gravity, ten deviations of the outer noise's velocity, and what the air can do.
     gusts = 10 * outer_force(dynamics.effects.disturbance) / gains.mass * dynamics.model.step * sqrt(steps)
     thrust_acceleration = ROTORS * gains.thrust_max / gains.mass
-    speed = sqrt(fastest_sq) + gusts + duration * (thrust_acceleration + 9.81)
+    speed = sqrt(fastest_sq) + gusts + duration * (thrust_acceleration + GRAVITY)
     speed += (
         duration
         * air_force_bound(dynamics.effects.drag, dynamics.effects.wind, dynamics.effects.downwash, speed, drones)

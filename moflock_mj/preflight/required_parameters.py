@@ -11,10 +11,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+from controllers.airframe import GRAVITY
 from moflock_mj.mavlink.dialect import GROUND_SYSTEM
 from moflock_mj.preflight.results import CheckResult
 
-_G = 9.81
 _JERK = 20.0
 """m/s^3. PX4's own modes begin with the acceleration that the vehicle has, noise included, and let it fade by this much
 a second. Measured from 6 m/s in turns: with its default of 4 up to 16 m/s and 72 m until it stood, with 20 8 m/s and
@@ -73,7 +73,7 @@ def required_parameters(autopilot: str, requirements: FlightRequirements) -> lis
 
 
 def _of_ardupilot(requirements: FlightRequirements) -> list[Spellings]:
-    tilt = math.ceil(math.degrees(math.atan(requirements.acceleration / _G)) + 5)
+    tilt = math.ceil(math.degrees(math.atan(requirements.acceleration / GRAVITY)) + 5)
     slow, gentle = "it cannot fly as fast as the flock", "it turns more slowly than what was validated"
     upright, cannot_receive = "it cannot accelerate as what was validated", "its failsafe heeds somebody else"
     return [
@@ -122,7 +122,7 @@ def _of_ardupilot(requirements: FlightRequirements) -> list[Spellings]:
 
 
 def _of_px4(requirements: FlightRequirements) -> list[Spellings]:
-    tilt = math.degrees(math.atan(requirements.acceleration / _G))
+    tilt = math.degrees(math.atan(requirements.acceleration / GRAVITY))
     wanted = [
         _at_least("MPC_XY_VEL_MAX", requirements.speed, "m/s", "it cannot fly as fast as the flock"),
         # PX4 refuses an MPC_ACC_HOR above MPC_ACC_HOR_MAX.

@@ -72,7 +72,6 @@ def make_imu(scenario: Scenario, step: float, interval: float, world: TrueState)
         velocity_noise=sqrt(scenario.sigma_inner),
         height_noise=imu.baro_noise,
         heading_noise=imu.compass_noise,
-        gravity=GRAVITY,
     )
     qpos, qvel = np.zeros((drones, 7)), np.zeros((drones, 6))
     qpos[:, 2], qpos[:, 3], qvel[:, :3] = world.position[2], 1, world.velocity.T

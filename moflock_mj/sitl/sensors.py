@@ -46,7 +46,7 @@ class Motion(NamedTuple):
 
     Attributes:
         gyro: (N, 3), rad/s, body.
-        specific_force: (N, 3), m/s^2, body, the mean over 5 ms or since the reading before; (0, 0, -9.81) at rest.
+        specific_force: (N, 3), m/s^2, body, the mean over 5 ms or since the reading before; (0, 0, -g) at rest.
         attitude: (N, 4), quaternion w x y z from the body to NED, the truth.
         position: (N, 3), m, NED from the origin, with the error of the GPS.
         velocity: (N, 3), m/s, NED, with the error of the GPS.

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moflock_mj.errors import ScenarioError
 from moflock_mj.fields import check_keys
-from moflock_mj.world import square
+from moflock_mj.world import circle, square
 
 
 class Arena(Protocol):
@@ -60,7 +60,7 @@ class Arena(Protocol):
         ...
 
 
-SHAPES: dict[str, Any] = {module.SHAPE: module for module in (square,)}
+SHAPES: dict[str, Any] = {module.SHAPE: module for module in (square, circle)}
 """Modules of shapes by name. Each has `SHAPE`, the class `ARENA`, and `FIELDS`."""
 
 
