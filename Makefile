@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test bench fidelity pictures paper validation physics format clean
+.PHONY: fly test test-mujoco3 bench fidelity pictures paper validation physics format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -16,6 +16,10 @@ test: $(TESTABLE)  ## lint, types, import rule, tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n auto -q
+
+test-mujoco3: $(TESTABLE)  ## the tests of the bodies on the older major version of MuJoCo
+	$(BIN)/python -m pip install --quiet --no-deps --upgrade --target $(VENV)/mujoco3 mujoco==3.17.0
+	PYTHONPATH=$(VENV)/mujoco3 $(BIN)/pytest -n auto -q tests/moflock_mj/dynamics tests/controllers/flight_control
 
 bench: $(TESTABLE)  ## timings, on one core
 	$(BIN)/python -m tests.benchmarks

@@ -15,7 +15,25 @@ import numba
 from numba.core import caching
 from numba.extending import overload
 
-SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in ("controllers", "moflock_mj"))
+_KERNEL_PACKAGES = (
+    "controllers",
+    *(
+        f"moflock_mj/{package}"
+        for package in (
+            "analysis",
+            "deployment",
+            "dynamics",
+            "effects",
+            "log",
+            "metrics",
+            "sensing",
+            "simulation",
+            "world",
+        )
+    ),
+)
+
+SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in _KERNEL_PACKAGES)
 """Folders whose files, and those of their sub-packages, may hold kernels: an edit in any of them compiles all anew."""
 
 
