@@ -26,6 +26,7 @@ import optimize
 from controllers.policies.registry import POLICIES, values_of
 from moflock_mj import Scenario, load_point, point_names
 from moflock_mj.cli.app import make_app
+from moflock_mj.deployment.watchdogs import Watchdog, Watchdogs
 from moflock_mj.fields import FieldSpec, Section
 from moflock_mj.log import schemas
 from moflock_mj.scenario.faults import KINDS, FaultConfig
@@ -46,6 +47,15 @@ CHANNELS = {
     "/mavlink": "every MAVLink packet of a deployment",
 }
 """Content of each channel of a log."""
+
+WATCHDOGS = {
+    "stale": ("age of the position", "s"),
+    "lost": ("time without a packet", "s"),
+    "fence": ("distance outside the arena at which the vehicle would come to rest", "m"),
+    "separation": ("distance to the nearest vehicle", "m"),
+    "battery": ("share of the charge that is left", "1"),
+}
+"""Quantity and unit of each watchdog."""
 
 OPTIMIZE_NAMES = {
     "SearchConfig": "optimize.search.configuration",
@@ -161,12 +171,15 @@ def fault_kinds() -> str:
 
 
 def policy_parameters() -> str:
-    parts = []
+    """Parameters of each policy, without those that a policy above it has too."""
+    parts, known = [], set()
     for spec in POLICIES.values():
         rows = [
             (f"`{item.name}`", unit(item.unit), f"{item.low:g} to {item.high:g}", sentence(item.meaning))
             for item in spec.parameters
+            if item not in known
         ]
+        known |= set(spec.parameters)
         parts += [f"### `{spec.name}`\n", table(("parameter", "unit", "bounds of a search", "meaning"), rows)]
     return "\n".join(parts)
 
@@ -311,7 +324,7 @@ def contracts() -> str:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
     parts = []
     for contract in settings["contracts"]:
-        parts.append(f"### {sentence(contract['name'])}\n")
+        parts.append(f"### {cell(contract['name'])}\n")
         if contract["type"] == "layers":
             parts.append("```text\n" + "\n".join(contract["layers"]) + "\n```\n")
         else:
@@ -326,6 +339,17 @@ def turbulence() -> str:
     module = importlib.import_module("moflock_mj.scenario.effect_configs")
     rows = [(f"`{name}`", f"{speed:.2f} m/s") for name, speed in module.TURBULENCE.items() if not math.isnan(speed)]
     return table(("turbulence", "wind at 6 m"), rows)
+
+
+def watchdogs() -> str:
+    """Default limits and actions."""
+    rows = []
+    for field in dataclasses.fields(Watchdogs):
+        if isinstance(field.default, Watchdog):
+            quantity, of = WATCHDOGS[field.name]
+            limit = f"{field.default.limit:g} {of}".removesuffix(" 1")
+            rows.append((f"`{field.name}`", quantity, limit, f"`{field.default.action.value}`"))
+    return table(("watchdog", "quantity", "limit", "action"), rows)
 
 
 PARTS: dict[str, Callable[[], str]] = {
@@ -343,6 +367,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "log-channels": log_channels,
     "log-messages": log_messages,
     "point-fields": point_fields,
+    "watchdogs": watchdogs,
     "packages": packages,
     "contracts": contracts,
 }

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,8 +16,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
+# A block in a list is indented, and so is the comment above it.
 _BLOCK = re.compile(
-    r"^(?:<!-- not run: (?P<reason>[^\n]+?) -->\n)?```(?P<language>[a-z]+)\n(?P<text>.*?)^```$",
+    r"^ *(?:<!-- not run: (?P<reason>[^\n]+?) -->\n *)?```(?P<language>[a-z]+)\n(?P<text>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
 )
 
@@ -46,7 +48,7 @@ def blocks_of(page):
         Block(
             f"{page.relative_to(ROOT)}:{text.count(chr(10), 0, match.start('text'))}",
             match["language"],
-            match["text"],
+            textwrap.dedent(match["text"]),
             match["reason"],
         )
         for match in _BLOCK.finditer(text)
