@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test bench fidelity pictures paper validation physics format clean
+.PHONY: fly test test-fast bench fidelity pictures paper validation physics format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -16,6 +16,9 @@ test: $(TESTABLE)  ## lint, types, import rule, tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n auto -q
+
+test-fast: $(TESTABLE)  ## the tests that need no real program and no long flight
+	$(BIN)/pytest -n auto -q -m "not slow"
 
 bench: $(TESTABLE)  ## timings, on one core
 	$(BIN)/python -m tests.benchmarks
