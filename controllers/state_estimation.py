@@ -2,9 +2,9 @@
 
 The estimator is a complementary filter. The integrals of gyroscope and accelerometer are accurate for seconds, and
 fixes correct their drift. The velocity of the fixes also makes the tilt observable, because a tilt error turns gravity
-into a growing velocity error (M.-D. Hua: Attitude estimation for accelerated vehicles using GPS/INS measurements, Control
-Engineering Practice 18(7), 2010). The gains are those of the stationary Kalman filter of the errors, linearised about
-level flight, and follow from the sensor noise.
+into a growing velocity error (M.-D. Hua: Attitude estimation for accelerated vehicles using GPS/INS measurements,
+Control Engineering Practice 18(7), 2010). The gains are those of the stationary Kalman filter of the errors, linearised
+about level flight, and follow from the sensor noise.
 """
 
 from __future__ import annotations
