@@ -86,8 +86,8 @@ def test_a_sweep_writes_a_figure_of_each_field(tmp_path):
         ((), "sweep: no field is given"),
         (("--drones", "2,x"), "drones: '2,x'"),
         (("--drones", "2,0"), "drones: 0"),
-        (("--t-del", "0.123"), "t_del: 0.123 s is no whole multiple"),
-        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s is no whole multiple"),
+        (("--t-del", "0.123"), "t_del: 0.123 s must be a whole multiple"),
+        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s must be a whole multiple"),
         (("--drones", "2", "--seeds", "1"), "seeds: 1 is out of bounds"),
     ],
 )
