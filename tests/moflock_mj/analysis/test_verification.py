@@ -185,7 +185,7 @@ def test_a_state_between_two_decisions_is_enough(tmp_path):
         (math.nan, {}, "resume: nan s is out of bounds"),
         (10.0, {"duration": 0.0}, "duration: 0 s is out of bounds"),
         (10.0, {"duration": math.inf}, "duration: inf s is out of bounds"),
-        (10.0, {"duration": 0.05}, "duration: 10.05 s is no whole multiple"),
+        (10.0, {"duration": 0.05}, "duration: 10.05 s must be a whole multiple"),
         (10.0, {"params": A[:5]}, "holds the parameters of no policy"),
     ],
 )

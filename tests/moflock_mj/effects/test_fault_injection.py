@@ -67,7 +67,7 @@ def test_the_standard_set_has_every_kind_alone_and_is_kept_by_toml_and_json():
         ('kind = "cannot_receive"\nduration = 0', r"faults\[1\]\.duration: 0\.0.*over 0 s"),
         (
             'kind = "cannot_receive"\nshare = 0.5',
-            r"faults\[1\]\.share: 0\.5 means nothing to cannot_receive: leave it out",
+            r"faults\[1\]\.share: 0\.5 does not apply to cannot_receive: it must be absent",
         ),
         ('kind = "cannot_receive"\nfor = 3', r"faults\[1\]\.for: unknown name"),
         ('kind = "fire"', r"faults\[1\]\.kind: 'fire'.*one of rotor_failure, gps_loss"),
@@ -84,7 +84,7 @@ def test_the_standard_set_has_every_kind_alone_and_is_kept_by_toml_and_json():
             'kind = "rotor_failure"\nrotor = 4\neffectiveness = 0',
             r"faults\[1\]\.rotor: 4 is out of bounds: .* at most 3",
         ),
-        ('kind = "power_off"\ndrone = 1\nduration = 3', r"faults\[1\]\.duration: 3 s means nothing to power_off"),
+        ('kind = "power_off"\ndrone = 1\nduration = 3', r"faults\[1\]\.duration: 3 s does not apply to power_off"),
     ],
 )
 def test_refusals_name_fault_field_value_and_limit(fault, words):
