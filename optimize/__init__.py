@@ -1,1 +1,1 @@
-"""The search over the policy's parameters."""
+"""Search over a policy's parameters, with validation and reports."""

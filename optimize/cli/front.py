@@ -122,8 +122,8 @@ def report(
         directory = resources.enter_context(RunDirectory.open(run))
         others = [resources.enter_context(RunDirectory.open(other)) for other in compared]
         executor = resources.enter_context(make_executor(directory.configuration.job, workers, scheduler))
-        told = resources.enter_context(flights_progress("front on fresh seeds"))
-        found = gather(directory, executor, compared=others, seeds=seeds, told=told)
+        progress = resources.enter_context(flights_progress("front on fresh seeds"))
+        found = gather(directory, executor, compared=others, seeds=seeds, progress=progress)
     page = write_report(found, out or run / "report")
     front = found.front
     if as_json:
@@ -144,5 +144,5 @@ def _front_of(run: Path, seeds: int | None, workers: int) -> ReevaluatedFront:
     with contextlib.ExitStack() as resources:
         directory = resources.enter_context(RunDirectory.open(run))
         executor = resources.enter_context(make_executor(directory.configuration.job, workers))
-        told = resources.enter_context(flights_progress("front on fresh seeds"))
-        return flown_front(directory, executor, seeds, told)
+        progress = resources.enter_context(flights_progress("front on fresh seeds"))
+        return flown_front(directory, executor, seeds, progress)

@@ -167,8 +167,8 @@ def optimize(
             result = search(run, executor, progress, interrupted, screening=screening)
         front = None
         if result.complete and seeds:
-            with flights_progress("front on fresh seeds") as told:
-                front = flown_front(run, executor, seeds, told)
+            with flights_progress("front on fresh seeds") as front_progress:
+                front = flown_front(run, executor, seeds, front_progress)
     summary = search_summary(result, run.configuration, path)
     if as_json:
         print(json.dumps(summary | {"flown_front": front_summary(front) if front else None}, indent=1))

@@ -98,11 +98,11 @@ def pca(
     scenario = search_scenario(scenario, dynamics)
     job = Job(scenario=scenario, dynamics=dynamics)
     settings = {"dynamics": dynamics, "bounds": bounds.to_dict(), "points": points, "seed": seed, "sampling": sampling}
-    asked = Study(verb="pca", scenario=scenario, settings=settings)
+    asked = Study(command="pca", scenario=scenario, settings=settings)
     folder = out.with_suffix(".flights") if out else asked.default_folder()
     with open_resumable(asked, folder, job, workers, scheduler) as flights:
-        with flights_progress("random points") as told:
-            found, _ = study(flights, bounds, points=points, seed=seed, sampling=sampling, told=told)
+        with flights_progress("random points") as progress:
+            found, _ = study(flights, bounds, points=points, seed=seed, sampling=sampling, progress=progress)
         objectives = grouped_by_sign(found, scenario)
         if out is not None:
             with new_file(out) as place:

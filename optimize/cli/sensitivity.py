@@ -153,13 +153,13 @@ def sensitivity(
         "bounds": bounds.to_dict(),
         **asked,
     }
-    study = Study(verb="sensitivity", scenario=job.scenario, settings=settings)
+    study = Study(command="sensitivity", scenario=job.scenario, settings=settings)
     out = out or study.default_folder()
     with open_resumable(study, out, job, workers, scheduler) as flights:
-        with flights_progress("Sobol indices") as told:
-            indices = sobol_indices(flights, bounds, samples=samples, told=told)
-        with flights_progress("one at a time") as told:
-            along = one_at_a_time(flights, params, bounds, seeds=fresh_seeds(seeds), levels=levels, told=told)
+        with flights_progress("Sobol indices") as progress:
+            indices = sobol_indices(flights, bounds, samples=samples, progress=progress)
+        with flights_progress("one at a time") as progress:
+            along = one_at_a_time(flights, params, bounds, seeds=fresh_seeds(seeds), levels=levels, progress=progress)
         content = json.dumps(_content(point, params, indices, along, seeds), indent=1) + "\n"
         with new_file(out / "sensitivity.json") as place:
             place.write_text(content, encoding="utf-8")
@@ -219,15 +219,17 @@ def sweeps(
         "seeds": seeds,
         "sweeps": dict(fields),
     }
-    study = Study(verb="sweep", scenario=scenario, settings=settings)
+    study = Study(command="sweep", scenario=scenario, settings=settings)
     out = out or study.default_folder()
     number = itertools.count()
     found = []
     with open_resumable(study, out, job, workers, scheduler) as flights:
         for name, values in fields.items():
             own = [next(number) for _ in values]
-            with flights_progress(name) as told:
-                found.append(sweep(flights, params, name, values, variants=own, seeds=fresh_seeds(seeds), told=told))
+            with flights_progress(name) as progress:
+                found.append(
+                    sweep(flights, params, name, values, variants=own, seeds=fresh_seeds(seeds), progress=progress)
+                )
             save(partial(sweep_figure, found[-1], _field_unit(name)), out / f"{name}.png")
         swept = {one.field: {"values": list(fields[one.field]), "fitness": one.fitness.tolist()} for one in found}
         content = {"point": point, "dynamics": dynamics, "seeds": list(fresh_seeds(seeds)), "sweeps": swept}

@@ -79,7 +79,7 @@ class Findings:
 
 
 def flown_front(
-    run: RunDirectory, executor: Executor, seeds: int | None = None, told: ProgressCallback | None = None
+    run: RunDirectory, executor: Executor, seeds: int | None = None, progress: ProgressCallback | None = None
 ) -> ReevaluatedFront:
     """A run's front on fresh seeds: read from its directory, or flown and written there.
 
@@ -87,7 +87,7 @@ def flown_front(
         run: a search that is over.
         executor: flies in the run's scenario.
         seeds: the front is flown again if it has flown fewer; None: as many as it has, or SEEDS.
-        told: of progress.
+        progress: called after each flight.
 
     Raises:
         SearchError: the run has no evaluations, or its front cannot be read.
@@ -110,7 +110,7 @@ def flown_front(
         policy=configuration.bounds.policy,
         seeds=fresh_seeds(SEEDS if seeds is None else seeds, used),
         origin={"algorithm": settings.algorithm, "search_seed": settings.seed, "search_flights": settings.budget},
-        told=told,
+        progress=progress,
     )
     _write(path, front)
     return front
@@ -122,7 +122,7 @@ def gather(
     *,
     compared: Collection[RunDirectory] = (),
     seeds: int | None = None,
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Findings:
     """Gather what a report shows; flies what was not flown yet.
 
@@ -131,7 +131,7 @@ def gather(
         executor: flies in the run's scenario.
         compared: other runs in the same scenario; the best point of each single-objective one becomes a landmark.
         seeds: fresh seeds for each point, as in `flown_front`.
-        told: of progress.
+        progress: called after each flight.
 
     Raises:
         SearchError: nothing was evaluated, a compared run is of another scenario, or see `flown_front`.
@@ -141,7 +141,7 @@ def gather(
         same = (other.configuration.scenario, other.configuration.settings.dynamics)
         if same != (configuration.scenario, configuration.settings.dynamics):
             raise SearchError(f"run directory {other.path}: it must be of the scenario and dynamics of {run.path}")
-    front = flown_front(run, executor, seeds, told)
+    front = flown_front(run, executor, seeds, progress)
     entries = list(run.entries())
     points = _paper_points(configuration) | best_singles((run, *compared))
     components = run.path / COMPONENTS
@@ -150,7 +150,7 @@ def gather(
         configuration=configuration,
         evaluations=(len(entries), sum(entry.evaluation.outcome != "ok" for entry in entries)),
         front=front,
-        landmarks=_landmarks(run.path / LANDMARKS, points, front, executor, told),
+        landmarks=_landmarks(run.path / LANDMARKS, points, front, executor, progress),
         landmark_names=tuple(points),
         generations=estimated_fronts(entries, configuration.objectives),
         volumes={_run_name(other): growth(other) for other in (run, *compared)},
@@ -211,7 +211,7 @@ def _landmarks(
     points: dict[str, NamedTuple],
     front: ReevaluatedFront,
     executor: Executor,
-    told: ProgressCallback | None,
+    progress: ProgressCallback | None,
 ) -> ReevaluatedFront:
     """Points flown as the front was: read, if the file has just these on these seeds, else flown and written."""
     wanted = np.array([list(values_of(params).values()) for params in points.values()], np.float64)
@@ -227,7 +227,7 @@ def _landmarks(
         dynamics=front.dynamics,
         policy=front.policy,
         seeds=front.seeds,
-        told=told,
+        progress=progress,
     )
     _write(path, flown)
     return flown

@@ -148,7 +148,7 @@ def fly_front(
     policy: str,
     seeds: Sequence[int],
     origin: dict[str, Any] | None = None,
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> ReevaluatedFront:
     """Fly points on fresh seeds, the same for all.
 
@@ -161,7 +161,7 @@ def fly_front(
         policy: name of the points' policy.
         seeds: for each point; that the search did not use them is up to the caller.
         origin: see `ReevaluatedFront`.
-        told: of progress.
+        progress: called after each flight.
 
     Raises:
         SearchError: no points, or fewer than two seeds.
@@ -171,7 +171,7 @@ def fly_front(
     if len(seeds) < 2:
         raise SearchError(f"seeds: {len(seeds)} are too few: it must be at least 2")
     params = [make_params(POLICIES[policy], point) for point in np.asarray(points).tolist()]
-    flown = evaluate_batch(executor, params, [seeds] * len(points), told)
+    flown = evaluate_batch(executor, params, [seeds] * len(points), progress)
     return ReevaluatedFront(
         objectives=objectives,
         scenario=scenario,

@@ -160,8 +160,8 @@ def _searched(
         if (run.configuration.settings, run.configuration.start) != (settings, first):
             raise SearchError(f"run directory {path}: it is of another search; remove it")
         executor, screening = open_executors(run.configuration, workers, None, resources)
-        told = resources.enter_context(search_progress(run.configuration))
-        search(run, executor, told, screening=screening)
+        progress = resources.enter_context(search_progress(run.configuration))
+        search(run, executor, progress, screening=screening)
     return path
 
 
@@ -180,7 +180,7 @@ def _flown(
         known = load_front(path)
         if known.seeds == tuple(seeds) and np.array_equal(known.points, points):
             return known
-    with flights_progress(f"bodies: {path.parent.name}/{path.name}") as told:
+    with flights_progress(f"bodies: {path.parent.name}/{path.name}") as progress:
         front = fly_front(
             points,
             executor,
@@ -189,7 +189,7 @@ def _flown(
             dynamics="rigid_body",
             policy=DEFAULT_POLICY,
             seeds=seeds,
-            told=told,
+            progress=progress,
         )
     with new_file(path) as place:
         place.write_text(front.to_json(), encoding="utf-8")

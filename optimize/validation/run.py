@@ -53,14 +53,14 @@ def fly_validation(
     run: ValidationDirectory, executors: Sequence[Executor], *, logs: bool, terminal: Terminal
 ) -> tuple[Validation | None, dict[str, Path]]:
     """Fly what is missing in a directory; None if Ctrl-C came first. The logs of the worst seeds, if asked."""
-    with terminal.progress("both dynamics") as told, terminal.stop() as interrupted:
-        if not fly_missing(run, executors, told, interrupted):
+    with terminal.progress("both dynamics") as progress, terminal.stop() as interrupted:
+        if not fly_missing(run, executors, progress, interrupted):
             return None, {}
     found = gather(run)
     if not logs:
         return found, {}
-    with terminal.progress("logs of the worst seeds") as told:
-        return found, log_worst(found, run.path / LOGS, told)
+    with terminal.progress("logs of the worst seeds") as progress:
+        return found, log_worst(found, run.path / LOGS, progress)
 
 
 def run_validation(

@@ -291,14 +291,14 @@ def check_seeds(count: int) -> None:
 
 
 def fly_missing(
-    run: ValidationDirectory, executors: Sequence[Executor], told: ProgressCallback, stop: Callable[[], bool]
+    run: ValidationDirectory, executors: Sequence[Executor], progress: ProgressCallback, stop: Callable[[], bool]
 ) -> bool:
     """Fly what the archive does not have yet, point masses first; each flight is kept as it ends.
 
     Args:
         run: the directory, which is locked meanwhile.
         executors: of the settings' jobs, one each.
-        told: of progress.
+        progress: called after each flight.
         stop: asked after each flight.
 
     Returns:
@@ -313,7 +313,7 @@ def fly_missing(
             for evaluation in executor.evaluate([task for task in tasks if task.number not in done]):
                 run.append(evaluation, generation)
                 done.add(evaluation.number)
-                told(len(done), total)
+                progress(len(done), total)
                 if stop():
                     return len(done) == total
     return True
@@ -347,7 +347,7 @@ def gather(run: ValidationDirectory) -> Validation:
     )
 
 
-def log_worst(validation: Validation, folder: Path, told: ProgressCallback) -> dict[str, Path]:
+def log_worst(validation: Validation, folder: Path, progress: ProgressCallback) -> dict[str, Path]:
     """Fly the worst seed of each point on rigid bodies again, with a log; one that is there already is kept.
 
     Returns:
@@ -361,7 +361,7 @@ def log_worst(validation: Validation, folder: Path, told: ProgressCallback) -> d
             if not logs[name].exists():
                 scenario = validation.settings.jobs()[RIGID_BODY].scenario
                 fly(params, scenario=scenario, seed=seed, log=logs[name], keep_samples=False)
-        told(number + 1, len(validation.names))
+        progress(number + 1, len(validation.names))
     return logs
 
 
