@@ -47,7 +47,7 @@ from optimize.studies.physics_page import (
     fronts_figure,
     render_physics_page,
 )
-from optimize.validation.flyable import NAMED, best_flyable, judge_points, promising_points, provenance
+from optimize.validation.flyable import NAMED, best_flyable, promising_points, provenance, validate_points
 
 
 class Effort(NamedTuple):
@@ -112,7 +112,7 @@ def make_study(
     fronts = Fronts(found_there=found_there, point_mass=there, searched=searched)
     points = promising_points(paths, scenario, effort.judged)
     trials = fresh_seeds(effort.trials, used | set(seeds))
-    judged = judge_points(logs / "judged", points, scenario, trials, workers, TERMINAL)
+    judged = validate_points(logs / "judged", points, scenario, trials, workers, TERMINAL)
     best = best_flyable(judged)
     if best is not None:
         with new_file(named / f"{NAMED}.json") as place:
