@@ -94,16 +94,17 @@ def reproduce(scenario: Scenario, logs: Path, docs: Path, named: Path, *, worker
             name: score([_front(path, executor, effort.fresh) for path in paths], effort.fresh)
             for name, paths in runs.items()
         }
-    told = Study(found, analyses, scores, effort.budget, _singles(single, logs, scenario, workers, effort), tracked)
+    singles = _singles(single, logs, scenario, workers, effort)
+    results = Study(found, analyses, scores, effort.budget, singles, tracked)
     write_report(found, pictures)
-    _draw_flight(told.singles["without bounds"], scenario, pictures / "unbounded.png")
+    _draw_flight(singles["without bounds"], scenario, pictures / "unbounded.png")
     save(lambda: target_figure([tracked["A"][0], tracked["B"][0]], ["Point A", "Point B"]), pictures / "target.png")
     for name, (number, rule) in named_points(found.front).items():
         with new_file(named / f"{name}.json") as place:
             place.write_text(point_json(found.front, number, rule=rule), encoding="utf-8")
     page_path = docs / "reproduction.md"
     with new_file(page_path) as place:
-        place.write_text(render_paper_page(told), encoding="utf-8")
+        place.write_text(render_paper_page(results), encoding="utf-8")
     return page_path
 
 
@@ -121,9 +122,9 @@ def _searched(
     with (
         RunDirectory.open(path) if known else RunDirectory.create(path, configuration) as run,
         make_executor(run.configuration.job, workers) as executor,
-        flights_progress(path.name) as told,
+        flights_progress(path.name) as progress,
     ):
-        search(run, executor, lambda progress: told(progress.flights, progress.budget))
+        search(run, executor, lambda state: progress(state.flights, state.budget))
     return path
 
 
@@ -131,14 +132,14 @@ def _findings(main: Path, single: Path, executor: Executor, seeds: int) -> Findi
     with (
         RunDirectory.open(main) as run,
         RunDirectory.open(single) as other,
-        flights_progress("front") as told,
+        flights_progress("front") as progress,
     ):
-        return gather(run, executor, compared=[other], seeds=seeds, told=told)
+        return gather(run, executor, compared=[other], seeds=seeds, progress=progress)
 
 
 def _front(path: Path, executor: Executor, seeds: int) -> ReevaluatedFront:
-    with RunDirectory.open(path) as run, flights_progress(f"front of {path.name}") as told:
-        return flown_front(run, executor, seeds, told)
+    with RunDirectory.open(path) as run, flights_progress(f"front of {path.name}") as progress:
+        return flown_front(run, executor, seeds, progress)
 
 
 def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort: Effort) -> dict[str, Single]:
@@ -151,11 +152,11 @@ def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort
     found = {}
     with make_executor(Job(scenario=scenario, dynamics="point_mass", coverage=True), workers) as executor:
         for name, path in runs.items():
-            with RunDirectory.open(path) as run, flights_progress(f"CMA-ES {name}") as told:
+            with RunDirectory.open(path) as run, flights_progress(f"CMA-ES {name}") as progress:
                 (params,) = best_singles([run]).values()
                 used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
             seeds = fresh_seeds(effort.fresh, used)
-            flown = evaluate_batch(executor, [params], [seeds], told)
+            flown = evaluate_batch(executor, [params], [seeds], progress)
             found[name] = Single(params, flown.fitness[0], seeds[0])
     return found
 
@@ -173,8 +174,10 @@ def _analyses(run: Path, scenario: Scenario, workers: int, effort: Effort) -> li
     configuration = Configuration(scenario=start)
     with make_executor(Job(scenario=start, dynamics="point_mass"), workers) as executor:
         for seed in range(1, effort.analyses + 1):
-            with flights_progress(f"random points, seed {seed}") as told:
-                components, _ = study(executor, configuration.bounds, points=effort.points, seed=seed, told=told)
+            with flights_progress(f"random points, seed {seed}") as progress:
+                components, _ = study(
+                    executor, configuration.bounds, points=effort.points, seed=seed, progress=progress
+                )
             found.append(agreement(components))
             if seed == 1:
                 with new_file(run / COMPONENTS) as place:

@@ -47,7 +47,7 @@ from optimize.studies.physics_page import (
     fronts_figure,
     render_physics_page,
 )
-from optimize.validation.flyable import NAMED, best_flyable, judge_points, promising_points, provenance
+from optimize.validation.flyable import NAMED, best_flyable, promising_points, provenance, validate_points
 
 
 class Effort(NamedTuple):
@@ -112,7 +112,7 @@ def make_study(
     fronts = Fronts(found_there=found_there, point_mass=there, searched=searched)
     points = promising_points(paths, scenario, effort.judged)
     trials = fresh_seeds(effort.trials, used | set(seeds))
-    judged = judge_points(logs / "judged", points, scenario, trials, workers, TERMINAL)
+    judged = validate_points(logs / "judged", points, scenario, trials, workers, TERMINAL)
     best = best_flyable(judged)
     if best is not None:
         with new_file(named / f"{NAMED}.json") as place:
@@ -160,8 +160,8 @@ def _searched(
         if (run.configuration.settings, run.configuration.start) != (settings, first):
             raise SearchError(f"run directory {path}: it is of another search; remove it")
         executor, screening = open_executors(run.configuration, workers, None, resources)
-        told = resources.enter_context(search_progress(run.configuration))
-        search(run, executor, told, screening=screening)
+        progress = resources.enter_context(search_progress(run.configuration))
+        search(run, executor, progress, screening=screening)
     return path
 
 
@@ -180,7 +180,7 @@ def _flown(
         known = load_front(path)
         if known.seeds == tuple(seeds) and np.array_equal(known.points, points):
             return known
-    with flights_progress(f"bodies: {path.parent.name}/{path.name}") as told:
+    with flights_progress(f"bodies: {path.parent.name}/{path.name}") as progress:
         front = fly_front(
             points,
             executor,
@@ -189,7 +189,7 @@ def _flown(
             dynamics="rigid_body",
             policy=DEFAULT_POLICY,
             seeds=seeds,
-            told=told,
+            progress=progress,
         )
     with new_file(path) as place:
         place.write_text(front.to_json(), encoding="utf-8")

@@ -122,8 +122,8 @@ def _calibrated(found: Validation, response: PointMassConfig, workers: int) -> F
     scenario = search_scenario(settings.scenario.replace(point_mass=response), "point_mass")
     points = list(settings.points.values())
     job = Job(scenario=scenario, dynamics="point_mass", policy=settings.policy)
-    with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as told:
-        return evaluate_batch(executor, points, [settings.seeds] * len(points), told)
+    with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as progress:
+        return evaluate_batch(executor, points, [settings.seeds] * len(points), progress)
 
 
 def main() -> None:

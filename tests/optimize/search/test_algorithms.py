@@ -135,7 +135,9 @@ def test_points_to_start_from_are_in_the_first_generation_and_random_ones_fill_i
     np.testing.assert_array_equal(first[:3], start)
     assert len(np.unique(first[3:, 0])) == 7
     offspring = []
-    make_algorithm(name, 12, 2, 10, 1, offspring_per_slot=4, first_brood=4, start=start).ask(offspring.append)
+    make_algorithm(name, 12, 2, 10, 1, offspring_per_slot=4, first_offspring_per_slot=4, start=start).ask(
+        offspring.append
+    )
     assert len(offspring[0]) == 40
     np.testing.assert_array_equal(offspring[0][:3], start)
 
@@ -178,6 +180,6 @@ def test_the_memory_judges_and_lets_those_lead_that_flew_least():
     memory, points = EvaluationHistory(12, 2), np.random.default_rng(1).random((3, 12))
     memory.add(points, np.array([[[1.0, 0.0]], [[0.0, 1.0]], [[0.0, 0.0]]]))
     memory.add(points[:1], np.array([[[1.0, 0.0]]]))
-    np.testing.assert_allclose(memory.judge(points[[1, 0]]), [[0.0, 1.0], [1.0, 0.0]])
+    np.testing.assert_allclose(memory.score(points[[1, 0]]), [[0.0, 1.0], [1.0, 0.0]])
     assert memory.leaders(2).tobytes() == points[[1, 0]].tobytes()
     assert len(memory.unknown(np.concatenate([points, np.zeros((2, 12))]))) == 1
