@@ -75,7 +75,7 @@ def test_a_report_that_fits_is_found_behind_others():
         ({"time": NOW - datetime.timedelta(hours=2)}, "s old.* 3600 s"),
         ({"point": load_point("B")._asdict()}, "of another point: r0_rep"),
         ({"scenario": json.loads(json.dumps(SCENARIO.replace(drones=1, duration=31.0).to_dict()))}, "duration is 31.0"),
-        ({"vehicles": ()}, "without a live part"),
+        ({"vehicles": ()}, "without vehicles"),
         ({"vehicles": (checked_vehicle(vehicle(uid=8)),)}, "of other vehicles"),
     ],
 )

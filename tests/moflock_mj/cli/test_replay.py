@@ -49,7 +49,7 @@ def test_a_broken_log_is_recovered(small_log, tmp_path):
         (("absent.mcap",), "absent.mcap"),
         (("LOG", "LOG", "LOG"), "3 logs"),
         (("LOG", "LOG", "--verify"), "--verify of 2 logs"),
-        (("LOG", "--verify", "--recover"), "do not go together"),
+        (("LOG", "--verify", "--recover"), "exclude each other"),
         (("LOG", "--resume", "-1"), "-1"),
         (("LOG", "--size", "big", "--video", "x.mp4"), "size: 'big'"),
         (("LOG", "--picture", "/proc/none/x.png"), "/proc/none"),

@@ -36,7 +36,7 @@ def test_it_flies_programs_and_ends_them_with_ctrl_c(tmp_path):
     start = json.loads(moflock.stdout.readline())
     assert start["physics_for"] == "ardupilot"
     assert len(set(start["ports"])) == 2
-    assert "2 ardupilot autopilots there" in moflock.stderr.readline()
+    assert "2 ardupilot autopilots connected" in moflock.stderr.readline()
     assert alive(f"--of\0{tmp_path}")
     outputs = [tmp_path / start["folder"] / str(number) / "output.txt" for number in range(2)]
     wait_until(lambda: all(output.read_text().endswith("flying\n") for output in outputs))
@@ -76,10 +76,10 @@ def test_it_waits_for_programs_that_the_user_starts(tmp_path):
     [
         (
             ["--physics-for", "ardupilot", "--fault", "vehicle=0,at=1,kind=link_loss,share=1"],
-            "--fault: --physics-for has no use",
+            "--fault: it has no effect",
         ),
-        (["--physics-for", "px4", "--base-port", "14600"], "--base-port: --physics-for has no use for it"),
-        (["--autopilot-command", "copter"], "--autopilot-command: a fleet without --physics-for has no use for it"),
+        (["--physics-for", "px4", "--base-port", "14600"], "--base-port: it has no effect with --physics-for"),
+        (["--autopilot-command", "copter"], "--autopilot-command: it has no effect with simulated autopilots"),
         (["--physics-for", "betaflight"], "is not one of 'ardupilot', 'px4'"),
         (["--physics-for", "ardupilot", "--duration", "0"], "duration: 0 s is out of bounds"),
         (

@@ -77,7 +77,7 @@ def test_a_good_vehicle_passes(station):
         ("GPS speed accuracy", {"GPS_RAW_INT": {"vel_acc": 1100}}, "running", 1.1),
         ("disarmed, on the ground", {"HEARTBEAT": {"base_mode": lambda old: old | 128}}, "failure", "armed, on the"),
         ("disarmed, on the ground", {"EXTENDED_SYS_STATE": {"landed_state": 2}}, "failure", "in the air"),
-        ("disarmed, on the ground", {"EXTENDED_SYS_STATE": {"landed_state": 0}}, "running", "does not say"),
+        ("disarmed, on the ground", {"EXTENDED_SYS_STATE": {"landed_state": 0}}, "running", "not reported"),
         ("home", {"HOME_POSITION": {"latitude": lambda old: old + 1000}}, "failure", pytest.approx(11.1, abs=0.1)),
         ("home in the arena", {"HOME_POSITION": {"latitude": lambda old: old + 9100}}, "failure",
          pytest.approx(1, abs=1)),
