@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test test-mujoco3 docs bench fidelity pictures paper validation physics format clean
+.PHONY: fly test test-fast test-mujoco3 docs bench fidelity pictures paper validation physics format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -16,6 +16,9 @@ test: $(TESTABLE)  ## lint, types, import rule, tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n auto -q
+
+test-fast: $(TESTABLE)  ## the tests that need no real program and no long flight
+	$(BIN)/pytest -n auto -q -m "not slow"
 
 test-mujoco3: $(TESTABLE)  ## the tests of the bodies on the older major version of MuJoCo
 	$(BIN)/python -m pip install --quiet --no-deps --upgrade --target $(VENV)/mujoco3 mujoco==3.17.0

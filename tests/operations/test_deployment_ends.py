@@ -13,8 +13,8 @@ from moflock_mj.deployment.member import Stage
 from moflock_mj.deployment.return_paths import distance, is_clear
 from moflock_mj.simulated_vehicles import ardupilot, px4
 from moflock_mj.simulated_vehicles.vehicle_faults import Schedule, VehicleFault
-from tests.operations.test_deployment_faults import FAILSAFES, SMALL
-from tests.support.rehearsal import rehearse
+from tests.support.rehearsal import SMALL, rehearse
+from tests.support.vehicles import FAILSAFES
 
 
 def ended(autopilot="ardupilot", scenario=SMALL, **plan):

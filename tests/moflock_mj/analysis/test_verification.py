@@ -13,7 +13,7 @@ from moflock_mj.analysis.target_tracking import track_target
 from moflock_mj.analysis.verification import Difference, resume, verify
 from moflock_mj.errors import LogError, MoflockError
 from moflock_mj.log.schemas import Metrics
-from tests.moflock_mj.log.test_reader import rebuild
+from tests.support.logs import rebuild
 
 A, B = load_point("A"), load_point("B")
 SCENARIO = Scenario(drones=4, arena_side=80.0, duration=23.0, packet_loss_ratio=0.5)

@@ -15,7 +15,7 @@ from optimize.search.estimates import hypervolume
 from optimize.search.front import candidates
 from optimize.search.run_directory import RunDirectory
 from optimize.search.search import search
-from tests.support.search import FakeExecutor, small_configuration
+from tests.support.search import FakeExecutor, change_archive, small_configuration
 
 
 def outcome(run):
@@ -71,6 +71,7 @@ def test_interrupted_anywhere_and_resumed_it_ends_the_same(tmp_path, algorithm):
     assert resumed.complete
 
 
+@pytest.mark.slow
 def test_a_search_that_is_killed_and_resumed_ends_the_same(tmp_path):
     configuration = small_configuration(budget=200)
     expected, result = searched(tmp_path / "whole", configuration)
@@ -115,9 +116,7 @@ def test_the_order_of_completion_changes_nothing(tmp_path):
 def test_rows_that_are_damaged_are_flown_again(tmp_path):
     configuration = small_configuration()
     expected, _ = searched(tmp_path / "run", configuration)
-    with RunDirectory.open(tmp_path / "run") as run:
-        run._connection.execute("UPDATE evaluations SET r0_rep = 31.0 WHERE number IN (5, 30)")
-        run._connection.commit()
+    change_archive(tmp_path / "run", "UPDATE evaluations SET r0_rep = 31.0 WHERE number IN (5, 30)")
     with RunDirectory.open(tmp_path / "run") as run:
         executor = FakeExecutor(configuration.job)
         search(run, executor)
@@ -186,7 +185,7 @@ def test_settings_that_make_no_sense_are_refused(settings, words):
         small_configuration(**settings)
 
 
-def test_a_screened_search_flies_all_that_is_bred_on_point_masses_and_few_on_bodies(tmp_path):
+def test_a_screened_search_flies_all_offspring_on_point_masses_and_few_on_bodies(tmp_path):
     told = []
     with RunDirectory.create(tmp_path / "run", screened_configuration(budget=100)) as run:
         result = screened_search(run, progress=told.append)

@@ -1,11 +1,6 @@
 """Validation as a user meets it, on flocks that are cheap to fly."""
 
-import contextlib
 import json
-import signal
-import sqlite3
-import subprocess
-import time
 
 import numpy as np
 import pytest
@@ -17,19 +12,12 @@ from optimize.evaluation.evaluation import FIGURE_NAMES, EvaluationTask, Job, in
 from optimize.studies.validation import POINTS, make_study
 from optimize.validation.fault_trials import fault_trials, standard_faults
 from optimize.validation.validation import ValidationConfig, ValidationDirectory, gather
-from tests.optimize.cli.test_optimize import MOFLOCK, refused, run
+from tests.support.cli import refused, run, start_program
+from tests.support.search import evaluations_in, rows_of
+from tests.support.waiting import wait_until
 
 TINY = ("--drones", "4", "--duration", "4", "--workers", "1")
-
-
-def rows_of(path):
-    with contextlib.closing(sqlite3.connect(path / "archive.sqlite")) as archive:
-        try:
-            return archive.execute(
-                "SELECT number, generation, r0_rep, seeds, fitness, figures FROM evaluations ORDER BY 1"
-            ).fetchall()
-        except sqlite3.OperationalError:  # its table is not there yet
-            return []
+COLUMNS = "number, generation, r0_rep, seeds, fitness, figures"
 
 
 @pytest.fixture(scope="module")
@@ -77,23 +65,20 @@ def test_the_numbers_are_those_of_the_flights(validated):
     assert first["gap"]["F_1"]["mean"] == pytest.approx(gap)
 
 
+@pytest.mark.slow
 def test_a_killed_validation_resumes_to_the_numbers_of_one_never_killed(validated, tmp_path):
     whole, _ = validated
     path = tmp_path / "killed"
     point = whole.parent / "mine.json"
-    process = subprocess.Popen(
-        [MOFLOCK, "validate", "A", point, "--seeds", "2", "--fault-seeds", "1", *TINY, "--out", path, "--no-logs"],
-        stdout=subprocess.DEVNULL,
-    )
-    while process.poll() is None:
-        if (path / "archive.sqlite").exists() and len(rows_of(path)) >= 2:
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-        time.sleep(0.005)
-    assert len(rows_of(path)) >= 2
+    wish = ("--seeds", 2, "--fault-seeds", 1, *TINY, "--out", path, "--no-logs")
+    process = start_program("validate", "A", point, *wish)
+    wait_until(lambda: process.poll() is not None or evaluations_in(path) >= 2, pause=0.005)
+    process.kill()
+    process.communicate()
+    assert evaluations_in(path) >= 2
     done = run("validate", "--resume", path, "--workers", 1, "--no-logs")
     assert done.returncode == 0, done.stderr
-    assert rows_of(path) == rows_of(whole)
+    assert rows_of(path, COLUMNS) == rows_of(whole, COLUMNS)
     ours, theirs = (json.loads((folder / "validation.json").read_text()) for folder in (path, whole))
     for point in (*ours["points"], *theirs["points"]):
         point.pop("log")
@@ -139,7 +124,7 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
         assert "power_off" in text
         assert (tmp_path / "docs" / "validation" / "fronts.png").exists()
     flights = 2 * 2 + len(standard_faults(scenario))
-    assert len(rows_of(tmp_path / "logs")) == flights * len(POINTS)
+    assert evaluations_in(tmp_path / "logs") == flights * len(POINTS)
     with pytest.raises(SearchError, match="of another scenario, other points or seeds"):
         make_study(scenario, tmp_path / "logs", tmp_path / "docs", **effort | {"fault_seeds": 2})
 
