@@ -45,6 +45,7 @@ def test_every_file_with_kernels_counts_for_the_stamp():
     assert outside == []
 
 
+@pytest.mark.slow
 def test_an_edited_kernel_of_a_sub_package_is_compiled_anew(tmp_path):
     """The caller is kept on disk and is not edited; it must not go on with what it inlined."""
     inner = tmp_path / "package" / "inner.py"

@@ -16,6 +16,8 @@ from moflock_mj.simulated_vehicles.vehicle_faults import Schedule, VehicleFault
 from tests.support.rehearsal import SMALL, rehearse
 from tests.support.vehicles import FAILSAFES
 
+pytestmark = pytest.mark.slow
+
 
 def ended(autopilot="ardupilot", scenario=SMALL, **plan):
     return rehearse(scenario, autopilot=autopilot, parameters=FAILSAFES[autopilot], fleet={"spacing": 8.0}, **plan)
@@ -105,7 +107,7 @@ def test_who_does_not_arm_ends_it_and_all_come_down():
 
 
 def test_nobody_is_left_alone_while_an_order_to_arm_is_on_its_way():
-    """Links of 2 s each way: Ctrl-C comes when all have been told to arm, and none has yet."""
+    """Links of 2 s each way: Ctrl-C comes when all have the order to arm, and none has armed yet."""
 
     async def press(interrupts, fleet):
         while not interrupts.in_flight:

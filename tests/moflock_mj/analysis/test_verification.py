@@ -114,7 +114,7 @@ def test_another_flight_is_found_at_once(quick, tmp_path, run):
     assert verification.difference.drone is not None
 
 
-def test_other_versions_are_told(quick, tmp_path):
+def test_other_versions_are_listed(quick, tmp_path):
     run = {"mujoco_version": "3.4.5", "cpu": "abacus", "commit": None}
     verification = verify(read_log(rebuild(quick, tmp_path / "a.mcap", run=run)))
     assert verification.identical

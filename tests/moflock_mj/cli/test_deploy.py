@@ -72,7 +72,7 @@ def test_a_report_that_fits_is_found_behind_others():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"time": NOW - datetime.timedelta(hours=2)}, "s old: it must be at most 3600 s"),
+        ({"time": NOW - datetime.timedelta(hours=2)}, "s old.* 3600 s"),
         ({"point": load_point("B")._asdict()}, "of another point: r0_rep"),
         ({"scenario": json.loads(json.dumps(SCENARIO.replace(drones=1, duration=31.0).to_dict()))}, "duration is 31.0"),
         ({"vehicles": ()}, "without a live part"),
@@ -103,10 +103,10 @@ def test_reports_are_looked_for_in_logs(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("battery", "must be NAME=LIMIT:ACTION"),
+        ("battery", "NAME=LIMIT:ACTION"),
         ("bird=1", "with NAME one of stale, lost, fence, separation, battery, keep_off"),
-        ("battery=0.3:explode", "'explode' is unknown: it must be one of slow, hold, return, land"),
-        ("lost=1e9", "out of bounds: it must be from 0 to 1000"),
+        ("battery=0.3:explode", "'explode'.* slow, hold, return, land"),
+        ("lost=1e9", "1000000000|1e.?0?9"),
         ("keep_off=3:land", "keep_off has a limit and no action"),
     ],
 )
@@ -133,13 +133,13 @@ def test_origins():
 @pytest.mark.parametrize(
     ("more", "error", "words"),
     [
-        ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot; it must be px4"),
+        ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot.* px4"),
         ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the 200 m arena"),
-        ({"fleet": {"spacing": 2.0}}, DeploymentError, r"stand 2.0 m apart; it must be at least 3 m"),
+        ({"fleet": {"spacing": 2.0}}, DeploymentError, r"2.0 m apart.* 3 m"),
         (
             {"faults": ["vehicle=1,kind=low_battery,charge=0.1"]},
             DeploymentError,
-            "battery at 10 %; it must be over 20 %",
+            "battery at 10 %.* 20 %",
         ),
         ({"faults": ["vehicle=1,kind=link_loss,share=1"]}, LinkError, "from 1 of 5 links"),
         ({"faults": ["vehicle=1,kind=duplicate_id,system=1"]}, LinkError, "system id 1 is that of"),

@@ -50,10 +50,10 @@ def test_bad_input_is_one_line_and_status_2(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         cases = (
-            (("--fault", "vehicle=9,kind=link_loss,share=1"), "vehicle 9 is out of bounds"),
-            (("--key-file", "open.key"), "its permissions are 644, must be 600"),
+            (("--fault", "vehicle=9,kind=link_loss,share=1"), "vehicle 9"),
+            (("--key-file", "open.key"), "644"),
             (("--base-port", taken.getsockname()[1]), "in use"),
-            (("--to", "nowhere"), "must be HOST:PORT"),
+            (("--to", "nowhere"), "HOST:PORT"),
         )
         for arguments, words in cases:
             assert words in refused("fleet", *arguments, cwd=tmp_path)

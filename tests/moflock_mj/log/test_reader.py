@@ -80,6 +80,7 @@ def test_one_drone_has_no_nearest(tmp_path):
     np.testing.assert_array_equal(logged.samples.nearest, flight.samples.nearest)
 
 
+@pytest.mark.slow
 def test_ten_minutes_of_thirty_drones_are_read_in_two_seconds(tmp_path):
     fly(A, dynamics="point_mass", log=tmp_path / "a.mcap", keep_samples=False)
     read_log(tmp_path / "a.mcap")

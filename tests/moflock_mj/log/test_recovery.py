@@ -125,7 +125,7 @@ def test_broken_logs_take_no_memory(small_log, tmp_path, harm):
     assert peak < 20 << 20
 
 
-def test_a_damaged_second_is_left_out_and_told(small_log, original, tmp_path, capsys):
+def test_a_damaged_second_is_left_out_and_reported(small_log, original, tmp_path, capsys):
     content = bytearray(small_log.read_bytes())
     chunks = [place for place in range(len(content)) if content[place : place + 8] == b"\x04\0\0\0zstd"]
     content[chunks[5] + 100] ^= 1
@@ -162,7 +162,7 @@ def test_the_run_is_taken_from_its_copy(small_log, original, tmp_path):
         assert read_log(tmp_path / "b.mcap").metadata == original.metadata
 
 
-def test_a_lost_attachment_is_told(small_log, original, tmp_path):
+def test_a_lost_attachment_is_reported(small_log, original, tmp_path):
     content = bytearray(small_log.read_bytes())
     content[content.index(b"<mujoco")] ^= 1
     path = tmp_path / "a.mcap"

@@ -228,8 +228,8 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
             "from 1 of 2 links within 2 s: udpout:127.0.0.1:",
         ),
         ({"faults": [VehicleFault.from_text("vehicle=1,kind=duplicate_id,system=1")]}, {}, "system id 1 is that of"),
-        ({}, {"autopilot": "ardupilot"}, "autopilot is px4; it must be ardupilot"),
-        ({}, {"count": 3}, r"2 heard \(system ids 1, 2\); it must be 3"),
+        ({}, {"autopilot": "ardupilot"}, "autopilot is px4.*ardupilot"),
+        ({}, {"count": 3}, r"2 heard \(system ids 1, 2\).*3"),
         ({}, {"key": KEY}, "packets were unsigned or wrongly signed"),
     ],
 )

@@ -20,14 +20,14 @@ KEY = SigningKey(bytes(range(32)))
 @pytest.mark.parametrize(
     ("plan", "words"),
     [
-        ({"vehicles": 0}, "vehicles: 0 is out of bounds: it must be from 1 to 250"),
+        ({"vehicles": 0}, "vehicles: 0.*from 1 to 250"),
         ({"vehicles": 251}, "vehicles: 251"),
-        ({"autopilot": "paparazzi"}, "it must be one of ardupilot, px4"),
-        ({"base_port": 65535, "vehicles": 2}, "base_port: 65535 is out of bounds: it must be from 0 to 65534"),
+        ({"autopilot": "paparazzi"}, "ardupilot, px4"),
+        ({"base_port": 65535, "vehicles": 2}, "base_port: 65535.*from 0 to 65534"),
         ({"speed": float("nan")}, "speed: nan"),
         ({"speed": 0}, "speed: 0 is out of bounds"),
         ({"boot": -1}, "boot: -1"),
-        ({"spacing": 0.7}, "spacing: 0.7 m must be above the airframe's 0.754 m"),
+        ({"spacing": 0.7}, "spacing: 0.7 m.*the airframe's 0.754 m"),
         ({"scenario": CALM.replace(step=0.0125)}, "step: 0.0125 s must go a whole number of times"),
     ],
 )

@@ -143,7 +143,7 @@ def test_the_same_frame_moves_the_world_once_and_a_lost_answer_is_said_again():
         assert pilot.state == before
 
 
-def test_a_px4_that_has_passed_over_its_sensors_is_told_them_again():
+def test_a_px4_that_has_passed_over_its_sensors_gets_them_again():
     with flight("px4") as (world, pilots):
         pilot, link = pilots[0], world.links[0]
         fly(world, pilots, 0.1)
@@ -202,11 +202,11 @@ def test_a_port_in_use_leaves_none_open(kind):
 @pytest.mark.parametrize(
     ("plan", "words"),
     [
-        ({"autopilot": "paparazzi"}, "physics-for: 'paparazzi' must be one of ardupilot, px4"),
-        ({"vehicles": 0}, "vehicles: 0 is out of bounds: it must be from 1 to 250"),
-        ({"vehicles": 2, "port": 65530}, "port: 65530 is out of bounds: it must be from 0 to 65525"),
+        ({"autopilot": "paparazzi"}, "physics-for: 'paparazzi'.*one of ardupilot, px4"),
+        ({"vehicles": 0}, "vehicles: 0.*from 1 to 250"),
+        ({"vehicles": 2, "port": 65530}, "port: 65530.*from 0 to 65525"),
         ({"speed": float("nan")}, "speed: nan"),
-        ({"spacing": 0.7}, "spacing: 0.7 m must be above the airframe's 0.754 m"),
+        ({"spacing": 0.7}, "spacing: 0.7 m.*the airframe's 0.754 m"),
         (
             {"scenario": CALM.replace(faults=(FaultConfig(kind="cannot_transmit", drone=0, at=1.0),))},
             "faults: live bodies have none",

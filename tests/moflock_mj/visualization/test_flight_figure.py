@@ -71,7 +71,7 @@ def test_two_flights_have_a_map_each_and_their_own_colours(flight: Flight, tmp_p
         assert picture.width == 1875
 
 
-def test_flights_of_one_point_are_told_apart_by_their_seeds(flight: Flight) -> None:
+def test_flights_of_one_point_are_distinguished_by_their_seeds(flight: Flight) -> None:
     title = flight_figure([flight, flown(seed=2)]).get_suptitle()
     assert "point A, seed 1:" in title
     assert "point A, seed 2:" in title
@@ -88,8 +88,8 @@ def test_what_cannot_be_drawn_is_refused_in_one_line(flight: Flight, tmp_path: P
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.png").mkdir()
     for flights, out, reason in (
-        (flight, "a.gif", r"a\.gif: its name ends in '\.gif', must be one of \.png, \.svg, \.pdf"),
-        ([flight] * 3, "a.png", "flights: 3 given, must be 1 to 2"),
+        (flight, "a.gif", r"a\.gif: its name ends in '\.gif'.*one of \.png, \.svg, \.pdf"),
+        ([flight] * 3, "a.png", "flights: 3 given.*1 to 2"),
         (dataclasses.replace(flight, samples=None), "a.png", "samples: the flight has none"),
         (flight, "file/a.png", "file/a.png: "),
         (flight, "folder.png", "it is a folder"),

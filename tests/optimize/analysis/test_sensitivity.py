@@ -60,9 +60,9 @@ def test_the_command_writes_a_figure_and_json(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("C",), "point C: unknown"),
-        (("A", "--samples", "3"), "samples: 3 is out of bounds: it must be a power of two"),
-        (("A", "--samples", "2", "--seeds", "1"), "seeds: 1 is out of bounds"),
+        (("C",), "point C"),
+        (("A", "--samples", "3"), "samples: 3"),
+        (("A", "--samples", "2", "--seeds", "1"), "seeds: 1"),
     ],
 )
 def test_bad_input_gets_one_line(arguments, words, tmp_path):
@@ -86,9 +86,9 @@ def test_a_sweep_writes_a_figure_of_each_field(tmp_path):
         ((), "sweep: no field is given"),
         (("--drones", "2,x"), "drones: '2,x'"),
         (("--drones", "2,0"), "drones: 0"),
-        (("--t-del", "0.123"), "t_del: 0.123 s is no whole multiple"),
-        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s is no whole multiple"),
-        (("--drones", "2", "--seeds", "1"), "seeds: 1 is out of bounds"),
+        (("--t-del", "0.123"), "t_del: 0.123 s"),
+        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s"),
+        (("--drones", "2", "--seeds", "1"), "seeds: 1"),
     ],
 )
 def test_a_bad_sweep_gets_one_line(arguments, words, tmp_path):

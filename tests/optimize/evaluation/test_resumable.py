@@ -19,7 +19,7 @@ from tests.support.waiting import wait_until
 
 TINY = ("--duration", 2, "--workers", 1, "--json")
 LONG = ("--duration", 1000)
-"""Flights of some milliseconds each, so that a busy machine has not flown them all before it is told to stop."""
+"""Flights of some milliseconds each, so that a busy machine has not flown them all before it is stopped."""
 SENSITIVITY = ("sensitivity", "A", "--samples", 2, "--levels", 2, "--seeds", 2, "--drones", 4, *TINY)
 SWEEP = ("sweep", "A", "--drones", "2,3", "--t-del", "0,0.5", "--seeds", 3, *TINY)
 PCA = ("pca", "--points", 20, "--drones", 4, *TINY)
