@@ -139,7 +139,7 @@ def test_a_controller_that_is_late_sends_no_heartbeats():
         await asyncio.sleep(14.0)
         loop = asyncio.get_running_loop()
         for _ in range(40):
-            loop._jump.now += 0.4
+            loop.hold_up(0.4)
             await asyncio.sleep(0.01)
 
     deployed, _, _ = ended(story=hold_up)

@@ -34,7 +34,7 @@ SHORT = Scenario(drones=4, arena_side=100.0, duration=12.0)
 
 
 def broken(*faults, dynamics="rigid_body"):
-    """The compiled faults of a scenario and its world; beats of 0.1 s."""
+    """The compiled faults of a scenario and its world; steps of 0.1 s."""
     scenario, step = SHORT.replace(faults=faults), SHORT.step_for(dynamics)
     return make_fault_schedule(scenario, dynamics, step, Schedule.of(scenario, step)), TrueState.at_rest(SHORT.drones)
 
