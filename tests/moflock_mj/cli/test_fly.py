@@ -50,7 +50,7 @@ def test_a_point_of_a_file_and_a_scenario_of_a_file(tmp_path):
     [
         (("--drones", "0"), "drones: 0"),
         (("--drones", "many"), "--drones"),
-        (("--drones", "2000"), "drones: 2000"),
+        pytest.param(("--drones", "2000"), "drones: 2000", marks=pytest.mark.slow),  # it is tried for long
         (("--duration", "nan"), "duration: nan"),
         (("--point", "C"), "point C"),
         (("--point", "absent.json"), "absent.json: No such file"),

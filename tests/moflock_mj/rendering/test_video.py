@@ -30,7 +30,14 @@ def frames_of(path):
 
 
 @pytest.mark.usefixtures("gl")
-@pytest.mark.parametrize(("camera", "colour"), [("overview", "danger"), ("chase", "speed"), ("top", "speed")])
+@pytest.mark.parametrize(
+    ("camera", "colour"),
+    [
+        ("overview", "danger"),
+        pytest.param("chase", "speed", marks=pytest.mark.slow),
+        pytest.param("top", "speed", marks=pytest.mark.slow),
+    ],
+)
 def test_a_video_shows_the_flight(tmp_path, camera, colour):
     told = []
     out = tmp_path / "v.mp4"
@@ -61,6 +68,7 @@ def test_a_rendering_process_that_fails_is_one_line(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gl")
 def test_two_flights_share_a_video(tmp_path):
     render_video([flown("A"), flown("B")], tmp_path / "v.mp4", fps=2, size=SMALLEST, processes=2)

@@ -82,7 +82,9 @@ def watched(server: LiveServer):
     viewer = Viewer(server.port)
     viewer.start()
     assert viewer.subscribed.wait(10)
-    wait_until(lambda: server.needs_states, seconds=10)
+    # The server takes one subscription after the other; the last one counts.
+    wait_until(lambda: all(channel.has_sinks() for channel in server._channels.values()), seconds=10)
+    assert server.needs_states
     yield viewer
     viewer.join(10)
 

@@ -47,6 +47,7 @@ def test_one_parameter_at_a_time_goes_through_its_bounds():
     np.testing.assert_allclose(np.diff(found.fitness[5, :, 0, 0]), 0)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_figure_and_json(tmp_path):
     asked = ("--samples", 2, "--levels", 2, "--seeds", 2, "--drones", 3, "--duration", 2, "--workers", 1)
     done = run("sensitivity", "B", *asked, "--out", tmp_path / "s")

@@ -28,6 +28,7 @@ def test_a_search_starts_from_the_front_of_another(searched_run, tmp_path):
     assert all(any(abs(point[0] - r0_rep) < 1e-9 for r0_rep in first) for point in starts)
 
 
+@pytest.mark.slow
 def test_a_picked_point_can_be_flown_and_the_front_stays_as_it_was_flown(searched_run, tmp_path):
     path, _ = searched_run
     front = (path / "front.json").read_bytes()
@@ -41,6 +42,7 @@ def test_a_picked_point_can_be_flown_and_the_front_stays_as_it_was_flown(searche
     assert flown.returncode == 0, flown.stderr
 
 
+@pytest.mark.slow
 def test_weights_choose_the_ends_of_the_front(searched_run):
     path, _ = searched_run
     ends = [json_of("pick", path, "--weights", w, "--workers", 1) for w in ("1,0", "0,1")]
@@ -49,6 +51,7 @@ def test_weights_choose_the_ends_of_the_front(searched_run):
     assert first["F_2"]["mean"] <= last["F_2"]["mean"]
 
 
+@pytest.mark.slow
 def test_a_report_is_one_page(searched_run, tmp_path):
     path, _ = searched_run
     page = Path(json_of("report", path, "--workers", 1, "--out", tmp_path / "r")["page"])
@@ -72,6 +75,7 @@ def test_a_killed_search_resumes_to_the_end_of_one_never_killed(searched_run, tm
     assert points_of(path) == points_of(whole)
 
 
+@pytest.mark.slow
 def test_random_points_give_objectives_for_a_search_of_the_same_scenario_only(tmp_path):
     file = tmp_path / "o.json"
     found = json_of("pca", *TINY, "--points", 12, "--workers", 1, "--out", file)
@@ -114,14 +118,16 @@ def test_flocks_around_a_target(tmp_path):
         (("optimize", "--resume", "{tmp}/none"), "configuration.json"),
         (("optimize", "--resume", "{tmp}/none", "--budget", "9"), "its own budget"),
         (("optimize", "--workers", "0"), "workers: 0"),
-        (("optimize", *TINY, "--scheduler", "tcp://127.0.0.1:9"), "tcp://127.0.0.1:9"),
+        pytest.param(
+            ("optimize", *TINY, "--scheduler", "tcp://127.0.0.1:9"), "tcp://127.0.0.1:9", marks=pytest.mark.slow
+        ),
         (("optimize", *TINY, "--out", "/proc/none/run"), "/proc/none/run"),
         (("pca", "--points", "1"), "points: 1"),
         (("pca", "--sampling", "sobol"), "sobol"),
         (("pick", "{tmp}/none"), "none"),
         (("pick", "{run}", "--weights", "1,x"), "weights: '1,x'"),
-        (("pick", "{run}", "--seeds", "3", "--weights", "-1,0"), "weights"),
-        (("pick", "{run}", "--seeds", "3", "--min-f1", "2"), "F_1: 2"),
+        pytest.param(("pick", "{run}", "--seeds", "3", "--weights", "-1,0"), "weights", marks=pytest.mark.slow),
+        pytest.param(("pick", "{run}", "--seeds", "3", "--min-f1", "2"), "F_1: 2", marks=pytest.mark.slow),
         (("pick", "{run}", "--knee", "--min-f1", "2"), "min_f1 and knee"),
         (("report", "{tmp}"), "configuration.json"),
         (("target", "A", "--at", "1,2,3"), "at: '1,2,3'"),

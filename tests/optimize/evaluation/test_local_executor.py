@@ -81,6 +81,7 @@ def test_a_point_that_cannot_be_flown_is_infeasible_and_not_nan():
     assert found.fitness.tolist() == [[0.0] * 6]
 
 
+@pytest.mark.slow
 def test_one_worker_two_and_none_give_the_same():
     job, tasks = Job(scenario=TINY, dynamics="point_mass"), tasks_of(12)
     here = {task.number: evaluate(job, task) for task in tasks}

@@ -61,7 +61,11 @@ def contents(path):
     return {file.name: file.read_bytes() for file in path.iterdir()}
 
 
-@pytest.mark.parametrize("arguments", FLIGHTS, ids=lambda arguments: arguments[0])
+@pytest.mark.parametrize(
+    "arguments",
+    [pytest.param(SENSITIVITY, marks=pytest.mark.slow), SWEEP, PCA],
+    ids=lambda arguments: arguments[0],
+)
 def test_interrupted_anywhere_and_run_again_it_ends_the_same(arguments, tmp_path):
     count = FLIGHTS[arguments]
     whole, expected = studied(arguments, tmp_path / "whole.json")

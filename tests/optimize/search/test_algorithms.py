@@ -50,7 +50,7 @@ def run(plan, single):
     return trials
 
 
-@pytest.mark.parametrize("noise", NOISE)
+@pytest.mark.parametrize("noise", ["refly", *(pytest.param(noise, marks=pytest.mark.slow) for noise in NOISE[:2])])
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_each_algorithm_improves_stays_in_the_cube_and_within_its_budget(name, noise):
     before = global_state()

@@ -53,7 +53,9 @@ def searched(path, configuration, **fake):
         return outcome(run), result
 
 
-@pytest.mark.parametrize("algorithm", ["nsga2", "unsga3", "cmaes", "pso"])
+@pytest.mark.parametrize(
+    "algorithm", ["nsga2", "cmaes", *(pytest.param(name, marks=pytest.mark.slow) for name in ("unsga3", "pso"))]
+)
 def test_interrupted_anywhere_and_resumed_it_ends_the_same(tmp_path, algorithm):
     configuration = small_configuration(algorithm=algorithm, seeds=2, budget=120)
     expected, result = searched(tmp_path / "whole", configuration)
@@ -163,6 +165,7 @@ def test_an_archive_of_another_search_is_refused(tmp_path):
         search(run, FakeExecutor(configuration.job))
 
 
+@pytest.mark.slow
 def test_more_flights_of_the_same_noise_find_a_better_front(tmp_path):
     small = searched(tmp_path / "a", small_configuration(budget=60))[1]
     large = searched(tmp_path / "b", small_configuration(budget=400))[1]
