@@ -8,7 +8,7 @@ from moflock_mj.deployment.member import Stage
 from tests.support.rehearsal import SCENARIO, rehearse
 
 
-@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+@pytest.mark.parametrize("autopilot", ["ardupilot", pytest.param("px4", marks=pytest.mark.slow)])
 def test_a_flock_takes_off_flies_by_the_policy_and_lands(autopilot, tmp_path):
     deployed, truth, _ = rehearse(autopilot=autopilot, log=tmp_path / "a.mcap")
     assert deployed.error is None

@@ -68,6 +68,7 @@ def test_motors_that_stand_leave_the_bodies_where_they_are(kind):
         np.testing.assert_allclose(world.bodies.qpos, start, atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_that_hangs_falls_and_the_others_go_on_and_it_may_come_back(kind):
     notices = []
