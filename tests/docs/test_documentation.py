@@ -69,6 +69,7 @@ def is_example(block):
 PAGES_WITH_EXAMPLES = [page for page in PAGES if any(map(is_example, blocks_of(page)))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES_WITH_EXAMPLES, ids=lambda page: page.name)
 def test_examples_run(page, tmp_path):
     """The blocks of a page run in their order in one folder, as a reader would run them."""

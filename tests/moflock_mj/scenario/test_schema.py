@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.faults import KINDS
 from moflock_mj.scenario.schema import scenario_schema
 from moflock_mj.world.arena import SHAPES
+from tests.support.cli import run
 
 DOCS = Path(__file__).parents[3] / "docs"
 SCHEMA = jsonschema.Draft202012Validator(scenario_schema())
@@ -122,10 +121,11 @@ def test_every_shape_of_an_arena_is_an_alternative():
 
 
 def test_the_command_prints_or_writes_the_schema(tmp_path):
-    moflock = Path(sys.executable).parent / "moflock"
-    printed = subprocess.run([moflock, "schema"], capture_output=True, text=True, check=True, timeout=60)
+    printed = run("schema")
+    assert printed.returncode == 0, printed.stderr
     assert json.loads(printed.stdout) == scenario_schema()
     out = tmp_path / "editor" / "scenario.schema.json"
-    done = subprocess.run([moflock, "schema", "--out", out], capture_output=True, text=True, check=True, timeout=60)
+    done = run("schema", "--out", out)
+    assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(out)
     assert json.loads(out.read_text()) == scenario_schema()

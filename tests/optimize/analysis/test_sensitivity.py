@@ -87,9 +87,9 @@ def test_a_sweep_writes_a_figure_of_each_field(tmp_path):
         ((), "sweep: no field is given"),
         (("--drones", "2,x"), "drones: '2,x'"),
         (("--drones", "2,0"), "drones: 0"),
-        (("--t-del", "0.123"), "t_del: 0.123 s must be a whole multiple"),
-        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s must be a whole multiple"),
-        (("--drones", "2", "--seeds", "1"), "seeds: 1 is out of bounds"),
+        (("--t-del", "0.123"), "t_del: 0.123 s"),
+        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s"),
+        (("--drones", "2", "--seeds", "1"), "seeds: 1"),
     ],
 )
 def test_a_bad_sweep_gets_one_line(arguments, words, tmp_path):
