@@ -117,7 +117,7 @@ def test_a_point_mass_has_no_rotors_and_live_bodies_no_schedule():
     loss = FaultConfig(kind="rotor_failure", drone=0, rotor=0, effectiveness=0.5)
     with pytest.raises(ScenarioError, match=r"faults\[1\]\.kind: rotor_failure needs rigid bodies"):
         broken(FaultConfig(kind="cannot_receive"), loss, dynamics="point_mass")
-    with pytest.raises(ScenarioError, match="faults: live bodies have none of a scenario"):
+    with pytest.raises(ScenarioError, match="faults: not supported by real-time bodies"):
         RealtimeBodies(SHORT.replace(faults=(loss,)), np.zeros((4, 2)), RandomStreams.of(1))
 
 

@@ -211,7 +211,7 @@ def test_a_port_in_use_leaves_none_open(kind):
         ({"spacing": 0.7}, "spacing: 0.7 m.*the airframe's 0.754 m"),
         (
             {"scenario": CALM.replace(faults=(FaultConfig(kind="cannot_transmit", drone=0, at=1.0),))},
-            "faults: live bodies have none",
+            "faults: not supported by real-time bodies",
         ),
     ],
 )
