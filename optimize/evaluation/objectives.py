@@ -46,7 +46,7 @@ class Objectives:
 
     def __post_init__(self) -> None:
         if not self.groups or not all(self.groups):
-            raise SearchError("objectives: each must have at least 1 fitness")
+            raise SearchError("objectives: each must have at least one fitness")
         if len(self.names) != len(self.groups) or len(set(self.names)) != len(self.names):
             raise SearchError(f"objectives: {len(self.groups)} groups must have as many different names: {self.names}")
         members = [name for group in self.groups for name in group]

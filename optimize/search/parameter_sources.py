@@ -13,18 +13,18 @@ from optimize.search.front import load_front
 from optimize.search.run_directory import RunDirectory
 
 
-def read_points(asked: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
+def read_points(sources: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
     """Read points by name, and the seeds that the searches among the sources have used.
 
     Args:
-        asked: named points, .json files, and search directories, which stand for the points of their fronts.
+        sources: named points, .json files, and search directories, which stand for the points of their fronts.
 
     Raises:
         MoflockError: a point or directory does not exist, or two points have the same name.
     """
     points: dict[str, NamedTuple] = {}
     used: set[int] = set()
-    for name in asked:
+    for name in sources:
         path = Path(name)
         if path.is_dir():
             found, seeds = _front_points(path)

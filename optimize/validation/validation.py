@@ -269,13 +269,13 @@ class Validation:
         return self.settings.seeds[int(np.lexsort(keys)[0])]
 
 
-def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int, fault_seeds: int = 0) -> ValidationConfig:
+def make_settings(scenario: Scenario, sources: Sequence[str], seeds: int, fault_seeds: int = 0) -> ValidationConfig:
     """Settings of a new validation on fresh seeds, which the searches behind the points have not used.
 
     Raises:
         MoflockError: see `ValidationConfig` and `read_points`.
     """
-    points, used = read_points(asked)
+    points, used = read_points(sources)
     check_seeds(seeds)
     return ValidationConfig(scenario=scenario, points=points, seeds=fresh_seeds(seeds, used), fault_seeds=fault_seeds)
 

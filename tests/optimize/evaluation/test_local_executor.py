@@ -166,7 +166,7 @@ def test_ctrl_c_is_no_affair_of_a_worker_that_is_starting():
     worker = _Worker(Job(scenario=TINY, dynamics="point_mass"))
     try:
         os.kill(worker._process.pid, signal.SIGINT)
-        worker.answer()
+        worker.receive()
         assert worker.ready
     finally:
         worker.end()

@@ -175,8 +175,8 @@ def test_more_flights_of_the_same_noise_find_a_better_front(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"budget": 7}, "budget: 7 flights.*at least a generation's, 8"),
-        ({"algorithm": "nsga4"}, "algorithm: 'nsga4'.*one of nsga2"),
+        ({"budget": 7}, "budget: 7 flights; it must be at least one generation, 8"),
+        ({"algorithm": "nsga4"}, "algorithm: 'nsga4' is out of bounds: it must be one of nsga2"),
         ({"seeds": 0}, "seeds: 0 is out of bounds"),
         ({"population": 2.5}, "population: 2.5 is of the wrong type"),
         ({"unbounded": True}, "unbounded: only cmaes"),

@@ -37,7 +37,7 @@ def test_all_that_was_promised_is_there(validated):
         "Objectives and verdicts",
         "All fitnesses",
         "Rigid bodies",
-        "The front again",
+        "Fronts",
         "power_off",
         "mine: flyable",
     ):
