@@ -155,7 +155,7 @@ def test_bad_input_is_one_line_and_status_2(tmp_path):
         taken.bind(("127.0.0.1", 0))
         cases = (
             (("--fault", "vehicle=9,kind=link_loss,share=1"), "vehicle 9 is out of bounds"),
-            (("--key-file", "open.key"), "its permissions are 644, must be 600"),
+            (("--key-file", "open.key"), "permissions 644: they must be 600"),
             (("--base-port", taken.getsockname()[1]), "in use"),
             (("--to", "nowhere"), "must be HOST:PORT"),
         )
