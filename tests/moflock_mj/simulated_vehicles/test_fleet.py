@@ -101,3 +101,61 @@ def test_a_port_in_use_leaves_none_open():
                 free_again.bind(("127.0.0.1", port - 1))
 
     asyncio.run(rehearse())
+
+
+def run(*arguments, cwd=None, **environment):
+    clean = {name: value for name, value in os.environ.items() if name != KEY_VARIABLE}
+    return subprocess.run(
+        [MOFLOCK, "fleet", *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
+        env={**clean, "COLUMNS": "200", **environment},
+    )  # fmt: skip
+
+
+def test_the_verb_prints_its_endpoints_and_ends_with_its_time():
+    done = run("--vehicles", 2, "--base-port", 0, "--duration", 1, "--speed", 5)
+    assert done.returncode == 0, done.stderr
+    assert "udpout://127.0.0.1:" in done.stdout
+    assert "2 x500 as ardupilot, links not signed" in done.stdout
+    assert "1.0 s simulated" in done.stdout
+    assert done.stderr == ""
+
+
+def test_the_verb_speaks_json_and_takes_its_key_from_the_environment():
+    done = run("--base-port", 0, "--duration", 1, "--speed", 5, "--json", **{KEY_VARIABLE: "correct horse"})
+    first, last = map(json.loads, done.stdout.splitlines())
+    assert first["signed"]
+    assert [vehicle["system"] for vehicle in first["vehicles"]] == [1]
+    assert last["time"] == pytest.approx(1.0)
+    assert set(last) >= {field.name for field in dataclasses.fields(type(fleet_of("px4").state()))}
+    assert "horse" not in done.stdout + done.stderr
+
+
+def test_ctrl_c_ends_the_fleet():
+    fleet = subprocess.Popen(
+        [MOFLOCK, "fleet", "--base-port", "0", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert json.loads(fleet.stdout.readline())["vehicles"]
+    fleet.send_signal(signal.SIGINT)
+    stdout, stderr = fleet.communicate(timeout=60)
+    assert fleet.returncode == 0, stderr
+    assert json.loads(stdout)["time"] >= 0
+    assert stderr == ""
+
+
+def test_bad_input_is_one_line_and_status_2(tmp_path):
+    (tmp_path / "open.key").write_text("correct horse battery staple")
+    (tmp_path / "open.key").chmod(0o644)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        cases = (
+            (("--fault", "vehicle=9,kind=link_loss,share=1"), "vehicle 9 is out of bounds"),
+            (("--key-file", "open.key"), "permissions 644: they must be 600"),
+            (("--base-port", taken.getsockname()[1]), "in use"),
+            (("--to", "nowhere"), "must be HOST:PORT"),
+        )
+        for arguments, words in cases:
+            done = run(*arguments, cwd=tmp_path)
+            assert done.returncode == 2, arguments
+            assert words in done.stderr
+            assert done.stderr.count("\n") == 1
+            assert done.stdout == ""
