@@ -76,8 +76,8 @@ def test_refusals_name_field_value_and_limit(settings, message):
     ("change", "message"),
     [
         ({"thrust_max": 5.0}, "thrust to weight of 1.02.*1.11"),
-        ({"yaw_ratio": (0.0,) * 4}, "do not steer"),
-        ({"rotor_positions": ((0.2, -0.1), (-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1))}, "equal thrusts turn it"),
+        ({"yaw_ratio": (0.0,) * 4}, "do not control"),
+        ({"rotor_positions": ((0.2, -0.1), (-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1))}, "equal thrusts exert a torque"),
         ({"rotor_lag": 0.2}, "margin"),
     ],
 )

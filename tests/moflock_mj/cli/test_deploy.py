@@ -30,7 +30,7 @@ NOW = datetime.datetime.now(datetime.UTC)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--vehicles", ""), "vehicles: '' is none"),
+        (("--vehicles", ""), "vehicles: '' is invalid"),
         (("--vehicles", "udp:127.0.0.1:14999"), "report: none in logs"),
         (("--vehicles", "udp:127.0.0.1:14999", "--report", "absent.json"), "report absent.json: No such file"),
         (("--vehicles", "udp:127.0.0.1:14999", "--rehearse", "--timeout", 0.2), "from 1 of 1 links within 0.2 s"),

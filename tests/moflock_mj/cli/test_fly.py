@@ -56,7 +56,7 @@ def test_a_point_of_a_file_and_a_scenario_of_a_file(tmp_path):
         (("--point", "absent.json"), "absent.json: No such file"),
         (("--scenario", "absent.toml"), "absent.toml: No such file"),
         (("--airframe", "boeing"), "'boeing'"),
-        (("--step", "0.03"), "no whole multiple of the step"),
+        (("--step", "0.03"), "whole multiple of the step"),
         (("--seed", "-1"), "seed: -1"),
         (("--log", "/proc/none/x.mcap"), "/proc/none"),
         (("--fast",), "--fast"),

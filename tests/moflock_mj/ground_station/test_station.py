@@ -54,12 +54,12 @@ def test_where_vehicles_are(text, connections):
     ("text", "words"),
     [
         ("", "'' is invalid: it must be KIND:HOST:PORT"),
-        ("udp:127.0.0.1", "is none"),
-        ("serial:/dev/ttyUSB0:57600", "is none"),
+        ("udp:127.0.0.1", "is invalid"),
+        ("serial:/dev/ttyUSB0:57600", "is invalid"),
         ("udp:127.0.0.1:0", "ports.*from 1 to 65535"),
         ("udp:127.0.0.1:70000", "ports must be"),
         ("udp:127.0.0.1:9-8", "the first not above the last"),
-        ("tcp:127.0.0.1:5760-5765", "are 10 apart"),
+        ("tcp:127.0.0.1:5760-5765", "10 apart"),
         ("udp:127.0.0.1:1-300", "300 connections; it must be at most 250"),
         ("udp:127.0.0.1:7,udp:127.0.0.1:6-8", "udpout:127.0.0.1:7 is duplicated"),
     ],
@@ -107,7 +107,7 @@ def test_more_than_wanted_is_refused():
     async def story(*_):
         raise AssertionError
 
-    with pytest.raises(LinkError, match=r"2 heard \(system ids 1, 2\).*1"):
+    with pytest.raises(LinkError, match=r"2 connected \(system ids 1, 2\).*1"):
         rehearse(fleet_of("px4", vehicles=2), story, count=1)
 
 
@@ -139,7 +139,7 @@ def test_several_on_a_link_must_have_been_counted():
         async with flying(fleet), vehicles_at([Connection("udpin", "127.0.0.1", 14550)]):
             raise AssertionError
 
-    words = r"3 heard \(system ids 1, 2, 3\).*1, one on each link: several on one need --count"
+    words = r"3 connected \(system ids 1, 2, 3\).*1, one on each link: several on one link need --count"
     with Wires().used(), pytest.raises(LinkError, match=words):
         simulated_time.run(play())
 

@@ -229,7 +229,7 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
         ),
         ({"faults": [VehicleFault.from_text("vehicle=1,kind=duplicate_id,system=1")]}, {}, "system id 1 is used by"),
         ({}, {"autopilot": "ardupilot"}, "autopilot is px4; it must be ardupilot"),
-        ({}, {"count": 3}, r"2 heard \(system ids 1, 2\); it must be 3"),
+        ({}, {"count": 3}, r"2 connected \(system ids 1, 2\); it must be 3"),
         ({}, {"key": KEY}, "packets were unsigned or wrongly signed"),
     ],
 )

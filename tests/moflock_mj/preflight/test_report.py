@@ -78,7 +78,7 @@ def test_a_report_comes_back_and_allows_its_deployment(path, key):
         ({"items": (GOOD, GOOD.model_copy(update={"result": CheckResult.FAILURE}))}, {}, "failure: vehicle 1: battery"),
         ({"items": (GOOD.model_copy(update={"result": CheckResult.RUNNING}),)}, {}, "running: vehicle 1: battery"),
         ({"items": ()}, {}, "nothing was checked"),
-        ({"vehicles": ()}, {}, "without a live part"),
+        ({"vehicles": ()}, {}, "without vehicles"),
         ({}, {"now": NOW + datetime.timedelta(hours=1.5)}, "5400 s old.*at most 3600 s"),
         ({}, {"now": NOW - datetime.timedelta(minutes=5)}, "-300 s old"),
         ({}, {"now": NOW + datetime.timedelta(minutes=9), "age_max": 60.0}, "540 s old.*at most 60 s"),

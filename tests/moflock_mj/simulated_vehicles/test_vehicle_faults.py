@@ -28,7 +28,7 @@ def test_a_text():
         ("", "must be key=value"),
         ("vehicle=1", "kind: ''.*one of gps_loss"),
         ("kind=link_loss", "share: is missing: link_loss needs it"),
-        ("kind=gps_loss,share=1", "share: 1.0 means nothing to gps_loss"),
+        ("kind=gps_loss,share=1", "share: 1.0 does not apply to gps_loss"),
         ("vehicle=1,kind=fire", "kind: 'fire'.*one of gps_loss"),
         ("vehicle=1,kind=link_loss,share=1,when=3", "when: unknown name"),
         ("vehicle=1,vehicle=2,kind=link_loss,share=1", "each key once"),

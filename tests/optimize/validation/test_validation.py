@@ -136,12 +136,12 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("validate",), "points: there is none"),
+        (("validate",), "points: there are none"),
         (("validate", "C"), "point C"),
         (("validate", "A", "A"), "point A"),
         (("validate", "A", "--seeds", 2, "--fault-seeds", 3), "fault_seeds: 3"),
         (("validate", "{tmp}/none.json"), "none.json"),
-        (("validate", "{tmp}/none"), "a search's directory"),
+        (("validate", "{tmp}/none"), "a search directory"),
         (("validate", "{tmp}"), "configuration.json"),
         (("validate", "A", "--seeds", "0"), "seeds: 0"),
         (("validate", "A", "--seeds", "1"), "seeds: 1"),
