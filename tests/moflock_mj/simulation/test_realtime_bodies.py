@@ -48,7 +48,7 @@ def test_bodies_fly_in_wind_on_what_they_estimate():
 
 
 def test_only_whole_beats_are_flown():
-    with pytest.raises(ValueError, match="steps: 6 must be a multiple of the beat, 4"):
+    with pytest.raises(ValueError, match="steps: 6 must be a multiple of the interval, 4"):
         bodies_of().advance(6)
 
 
