@@ -102,22 +102,22 @@ def check_keys(given: Iterable[str], allowed: Iterable[str], error: type[Moflock
 
 def _typed(field: dataclasses.Field[Any], name: str, value: Any, error: type[MoflockError]) -> Any:
     """Convert a value to the type of its field (annotations are strings such as "float | None")."""
-    wanted = [kind.strip() for kind in str(field.type).split("|")]
-    if value is None and "None" in wanted:
+    types = [kind.strip() for kind in str(field.type).split("|")]
+    if value is None and "None" in types:
         return None
-    if wanted[0] == "bool" and isinstance(value, bool):
+    if types[0] == "bool" and isinstance(value, bool):
         return value
-    if wanted[0] == "str" and isinstance(value, str):
+    if types[0] == "str" and isinstance(value, str):
         return value
-    if wanted[0] == "tuple[float, float]" and isinstance(value, (list, tuple)) and len(value) == 2:
+    if types[0] == "tuple[float, float]" and isinstance(value, (list, tuple)) and len(value) == 2:
         return tuple(_real(name, part, error) for part in value)
     number = not isinstance(value, (bool, str)) and hasattr(value, "__float__")
-    if wanted[0] == "int" and number and float(value).is_integer():
+    if types[0] == "int" and number and float(value).is_integer():
         return int(value)
-    if wanted[0] == "float":
+    if types[0] == "float":
         return _real(name, value, error)
     kinds = {"bool": "true or false", "str": "a text", "int": "a whole number", "tuple[float, float]": "two numbers"}
-    raise error(f"{name}: {value!r} is of the wrong type: it must be {kinds[wanted[0]]}")
+    raise error(f"{name}: {value!r} is of the wrong type: it must be {kinds[types[0]]}")
 
 
 def _real(name: str, value: Any, error: type[MoflockError]) -> float:

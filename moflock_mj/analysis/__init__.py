@@ -1,1 +1,1 @@
-"""Questions answered by flying: step response, identification, target tracking, verification."""
+"""Analyses based on flights: step response, identification, target tracking, verification."""

@@ -1,4 +1,4 @@
-"""Drones alone, each told its own velocities: how a plant answers steps."""
+"""Step response: velocity of isolated drones under sequences of velocity commands."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.state import TrueState
 
 _SPACING = 100.0
-"""m between drones, so that none meets another."""
+"""Distance between drones, m, which prevents interaction."""
 
 
 class StepResponse(NamedTuple):
-    """Velocities told and flown, one row per integration step.
+    """Commanded and actual velocities, one row per integration step.
 
     Attributes:
-        t: (T,), s; a row's command is in force from its time on.
-        commanded: (T, 2, N), m/s, world.
-        velocity: (T, 2, N), m/s, world, at that time.
+        t: (T,), time, s, from which the command of a row applies.
+        commanded: (T, 2, N), commanded velocity, m/s, world.
+        velocity: (T, 2, N), actual velocity at that time, m/s, world.
     """
 
     t: NDArray[np.float64]
@@ -35,14 +35,14 @@ class StepResponse(NamedTuple):
 def step_response(
     scenario: Scenario, legs: NDArray[np.float64], seconds: float, dynamics: str = "rigid_body"
 ) -> StepResponse:
-    """Fly one drone for each of N sequences of commands, from rest, without noise of any kind.
+    """Fly one drone for each of N sequences of commands, from rest and without noise.
 
     Args:
-        scenario: its airframe, its controllers' settings and its altitude are taken, a battery or drag of its, and
-            for point masses their response.
-        legs: (K, 2, N), m/s, world, horizontal velocities commanded one after the other.
-        seconds: that each is held.
-        dynamics: "rigid_body" or "point_mass", both with the step of rigid bodies.
+        scenario: airframe, controller settings, altitude, battery, drag, and response of point masses; other effects
+            are off.
+        legs: (K, 2, N), consecutive horizontal velocity commands, m/s, world.
+        seconds: duration of each command, s.
+        dynamics: "rigid_body" or "point_mass", both with the integration step of rigid bodies.
 
     Raises:
         MoflockError: the airframe is unknown, or too weak for the scenario.
@@ -56,10 +56,10 @@ def step_response(
     world.position[2] = calm.altitude
     velocity = np.empty((count * steps, 2, drones))
     commanded = np.repeat(np.asarray(legs, np.float64), steps, axis=0)
-    # The flock owns the memory of MuJoCo's that its plant sees, and must outlive the flight.
+    # The model owns the MuJoCo memory that the dynamics refer to, and must outlive the flight.
     simulation = RigidBodyModel(calm, step, 1, world, Off(), Off()) if dynamics == "rigid_body" else None
     model = simulation.dynamics if simulation else make_point_masses(calm, step, world, Off())
-    _respond(model, world, commanded, _silence(drones), velocity)
+    _respond(model, world, commanded, _no_noise(drones), velocity)
     return StepResponse(step * np.arange(count * steps), commanded, velocity)
 
 
@@ -78,7 +78,7 @@ def _respond(
         advance(model, world, commanded[k], noise.outer[0], noise, 1)
 
 
-def _silence(drones: int) -> Noise:
+def _no_noise(drones: int) -> Noise:
     return Noise(
         outer=np.zeros((1, 2, drones)),
         gust=np.zeros((0, 5, drones)),

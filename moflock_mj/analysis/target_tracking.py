@@ -1,6 +1,6 @@
-"""Target tracking: how fast, and how near, a flock loiters around a target.
+"""Target tracking: angular speed and distance of a flock around a target.
 
-Source: Bansal, Sethi, Anicho and Nagar, section Results, the order parameter of the target and its sine.
+Source: Bansal, Sethi, Anicho and Nagar, section Results: order parameter of the target, and the fitted sine.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from moflock_mj.simulation.results import Flight, Progress
 from moflock_mj.simulation.simulation import Simulation
 
 TRANSIENT = 100.0
-"""s, the beginning of a flight in which the flock is still on its way to the target."""
+"""Initial time of a flight in which the flock approaches the target, s."""
 
 _MIN_SAMPLES = 8
-"""Samples after the transient; a sine has four unknowns."""
+"""Smallest number of samples after the transient; a sine has four unknowns."""
 
 
 class Sine(NamedTuple):
-    """amplitude sin(omega t + phase) + offset.
+    """Sine amplitude sin(omega t + phase) + offset.
 
     Attributes:
-        amplitude: m, at least 0.
-        omega: rad/s, at least 0.
-        phase: rad.
-        offset: m.
+        amplitude: amplitude, m, at least 0.
+        omega: angular frequency, rad/s, at least 0.
+        phase: phase, rad.
+        offset: offset, m.
     """
 
     amplitude: float
@@ -46,21 +46,21 @@ class Sine(NamedTuple):
     offset: float
 
     def at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Its values, m, at times in s."""
+        """Values at times in s, m."""
         return np.asarray(self.amplitude * np.sin(self.omega * t + self.phase) + self.offset)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class TargetResult:
-    """A flock's flight around a target.
+    """Result of a flight around a target.
 
     Attributes:
-        target: (x, y), m, world.
-        flight: what was flown, with its samples.
-        t: (T,), s.
-        distance: (T,), m, d_target: from the target to the mean position of all drones.
-        sine: fitted to the distance after the transient.
-        residual: m, root mean square of what the sine leaves.
+        target: (x, y) of the target, m, world.
+        flight: the flight with its samples.
+        t: (T,), time, s.
+        distance: (T,), d_target, the distance from the target to the mean position of all drones, m.
+        sine: sine fitted to the distance after the transient.
+        residual: root mean square of the residual of the fit, m.
     """
 
     target: tuple[float, float]
@@ -72,7 +72,7 @@ class TargetResult:
 
     @property
     def F_target(self) -> float:
-        """The sine's omega / amplitude, rad/(s m): larger is a flock that turns faster and nearer."""
+        """Ratio omega / amplitude of the sine, rad/(s m), larger for a faster and closer flock."""
         return self.sine.omega / self.sine.amplitude if self.sine.amplitude > 0 else math.inf
 
 
@@ -90,17 +90,17 @@ def track_target(
     """Fly a flock around a target and fit a sine to its distance.
 
     Args:
-        params: the flocking policy's 12 parameters.
-        target: (x, y), m, world.
-        scenario: what is flown; the paper's if absent.
+        params: the 12 parameters of Vasarhelyi's policy.
+        target: (x, y) of the target, m, world.
+        scenario: scenario of the flight; the paper's if absent.
         dynamics: "point_mass" or "rigid_body".
-        seed: of all random numbers.
-        transient: s, the beginning that the fit leaves out.
-        log: an MCAP file to be written, or None.
-        progress: told how far the flight is.
+        seed: seed of all random numbers.
+        transient: initial time that the fit excludes, s.
+        log: path of an MCAP file to write, or None.
+        progress: callback with the simulated time and the running fitness.
 
     Raises:
-        MoflockError: what was asked for cannot be flown, or the flight is too short for a fit.
+        MoflockError: the flight is not possible, or too short for a fit.
     """
     scenario = scenario or Scenario()
     if scenario.duration < transient + _MIN_SAMPLES * scenario.sample_period:
@@ -113,29 +113,29 @@ def track_target(
     distance = target_distance(samples.position, target)
     steady = samples.t >= transient
     sine = fit_sine(samples.t[steady], distance[steady])
-    left = distance[steady] - sine.at(samples.t[steady])
+    residuals = distance[steady] - sine.at(samples.t[steady])
     return TargetResult(
         target=(float(target[0]), float(target[1])),
         flight=flight,
         t=samples.t,
         distance=distance,
         sine=sine,
-        residual=float(np.sqrt(np.mean(left**2))),
+        residual=float(np.sqrt(np.mean(residuals**2))),
     )
 
 
 def target_distance(position: NDArray[np.float64], target: tuple[float, float]) -> NDArray[np.float64]:
-    """Horizontal distance from the target to the flock's centre of mass: (T,), m, of positions (T, N, 3), m."""
-    middle = position[..., :2].mean(axis=1)
-    return np.asarray(np.linalg.norm(middle - np.asarray(target), axis=1))
+    """Horizontal distance from the target to the mean position of the flock, (T,), m, from positions (T, N, 3), m."""
+    centre = position[..., :2].mean(axis=1)
+    return np.asarray(np.linalg.norm(centre - np.asarray(target), axis=1))
 
 
 def fit_sine(t: NDArray[np.float64], y: NDArray[np.float64]) -> Sine:
-    """Fit a sine by least squares, from the guess that the largest bin of the Fourier transform gives.
+    """Fit a sine by least squares, with an initial guess from the largest bin of the Fourier transform.
 
     Args:
-        t: (T,), s, evenly spaced.
-        y: (T,), m.
+        t: (T,), evenly spaced times, s.
+        y: (T,), values, m.
 
     Raises:
         FlightError: the fit does not converge.
@@ -145,7 +145,7 @@ def fit_sine(t: NDArray[np.float64], y: NDArray[np.float64]) -> Sine:
     guess = Sine(math.sqrt(2) * float(np.std(y)), 2 * math.pi * float(frequency), 0.0, float(np.mean(y)))
     if guess.amplitude == 0:
         return guess
-    # From the paper's phase of 0 alone, the fit may end in a local minimum.
+    # With the paper's initial phase of 0 only, the fit may converge to a local minimum.
     fits = [_least_squares(t, y, guess._replace(phase=quarter * math.pi / 2)) for quarter in range(4)]
     found = [fit for fit in fits if fit is not None]
     if not found:
@@ -154,14 +154,14 @@ def fit_sine(t: NDArray[np.float64], y: NDArray[np.float64]) -> Sine:
 
 
 def _least_squares(t: NDArray[np.float64], y: NDArray[np.float64], guess: Sine) -> Sine | None:
-    """The sine that fits best near a guess, with positive amplitude and frequency; None if the fit diverges."""
+    """Fit a sine from a guess, with positive amplitude and frequency; None if the fit diverges."""
 
     def sine(t: NDArray[np.float64], a: float, omega: float, phase: float, offset: float) -> NDArray[np.float64]:
         return np.asarray(a * np.sin(omega * t + phase) + offset)
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", OptimizeWarning)  # tells that no covariance was found; none is asked for
+            warnings.simplefilter("ignore", OptimizeWarning)  # warns about the covariance, which is not used
             (a, omega, phase, offset), _ = curve_fit(sine, t, y, p0=guess, maxfev=2000)
     except RuntimeError:
         return None

@@ -1,4 +1,4 @@
-"""Flies a logged flight again: from its start, as proof that the log tells the truth, or on from one of its states."""
+"""Verification of a log by repeating its flight, and resumption of a flight from a logged state."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from moflock_mj.simulation.results import Flight, Progress
 from moflock_mj.simulation.simulation import Simulation
 
 _CHUNK = 10.0
-"""Simulated seconds that are flown between two comparisons."""
+"""Simulated seconds between two comparisons."""
 
 _VERSIONS = {
     "mujoco_version": "MuJoCo",
@@ -39,11 +39,11 @@ _VERSIONS = {
     "commit": "moflock's commit",
     "python_version": "Python",
 }
-"""What may change the last bit of a flight, in the order in which it is suspected."""
+"""Metadata that may affect the last bits of a flight, by likelihood, with their labels."""
 
 
 class VersionChange(NamedTuple):
-    """Something that the flight was logged with and that is another one here."""
+    """Metadata entry that differs between the log and this machine."""
 
     name: str
     logged: str
@@ -51,13 +51,13 @@ class VersionChange(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """Where the flown flight first leaves the logged one.
+    """First difference between the repeated and the logged flight.
 
     Attributes:
-        tick: number of the sample, from 0 at the flight's start.
-        time: s.
-        drone: the first drone whose logged point differs; None if they differ by less than single precision shows.
-        what: what differs: "state", "points" or "order parameters".
+        tick: number of the sample, from 0 at the start of the flight.
+        time: simulated time, s.
+        drone: first drone with a different point; None if the difference is below single precision.
+        what: kind of the difference: "state", "points" or "order parameters".
     """
 
     tick: int
@@ -68,17 +68,17 @@ class Difference(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Verification:
-    """What came of flying a log's flight again.
+    """Result of the verification of a log.
 
     Attributes:
-        log: the log.
-        ticks: samples compared, up to and with the one that differs.
-        start: s, time of the state from which the flight was flown again; 0 unless the log itself was resumed.
-        time: s, of the last sample compared.
-        duration: s, of the log's scenario.
-        difference: the first one; None if all is bit-identical.
-        changes: what is another version here than in the log; the likely reason of a difference.
-        wall_seconds: how long it took.
+        log: path of the log.
+        ticks: number of compared samples, including the first different one.
+        start: time of the state from which the flight was repeated, s; 0 unless the logged flight was resumed.
+        time: time of the last compared sample, s.
+        duration: duration of the log's scenario, s.
+        difference: first difference; None if all samples are bit-identical.
+        changes: differences of versions and machine, the likely cause of a difference.
+        wall_seconds: wall-clock time of the verification, s.
     """
 
     log: Path
@@ -92,23 +92,23 @@ class Verification:
 
     @property
     def identical(self) -> bool:
-        """Whether every sample of the log came out again, bit by bit."""
+        """True if all samples are bit-identical."""
         return self.difference is None
 
 
 def verify(logged: LoggedFlight, progress: Progress | None = None) -> Verification:
-    """Fly a log's flight again, as far as the log goes, and compare every sample's digest, points and figures.
+    """Repeat a logged flight up to the end of its log, and compare digest, points and order parameters of every sample.
 
     Args:
-        logged: a flight as it was read.
-        progress: told the simulated time and the running fitness.
+        logged: flight read from a log.
+        progress: callback with the simulated time and the running fitness.
 
     Raises:
-        MoflockError: the flight cannot be flown here.
+        MoflockError: the flight cannot be repeated.
     """
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     _refuse_deployed(logged, "verify")
-    simulation = _flock_at_start(logged)
+    simulation = _simulation_at_start(logged)
     start, changes = simulation.time, _changes(logged, simulation)
     difference, last = None, float(logged.samples.t[-1])
     while difference is None and not simulation.finished and simulation.time < last - 1e-9:
@@ -126,7 +126,7 @@ def verify(logged: LoggedFlight, progress: Progress | None = None) -> Verificati
         duration=logged.scenario.duration,
         difference=difference,
         changes=changes,
-        wall_seconds=time.perf_counter() - began,
+        wall_seconds=time.perf_counter() - start_time,
     )
 
 
@@ -141,25 +141,25 @@ def resume(
     progress: Progress | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Flight:
-    """Fly on from the middle of a log: the latest state that it holds up to `at`.
+    """Resume a logged flight from its latest state up to `at`.
 
-    With nothing changed, the flight is the original one, bit by bit. Its samples begin after the state; its order
-    parameters go on from those of the original flight.
+    Without changes, the flight is bit-identical to the original one. Its samples begin after the state, and its order
+    parameters continue those of the original flight.
 
     Args:
-        logged: a flight as it was read.
-        at: s, simulated.
-        params: other parameters to fly on with, to the same target if there is one; the flock is judged by the
-            distances that belong to them.
-        duration: s, how long to fly on; to the end of the log's scenario if absent.
-        log: an MCAP file to be written, or None.
-        keep_samples: whether the flight keeps its samples.
-        progress: told the simulated time and the running fitness.
-        stop: asked now and then; the flight ends, with a finished log, when it says True.
+        logged: flight read from a log.
+        at: simulated time, s.
+        params: new parameters, with the same target if there is one; they also determine the distances of the order
+            parameters.
+        duration: duration after the state, s; to the end of the log's scenario if absent.
+        log: path of an MCAP file to write, or None.
+        keep_samples: True to keep the samples of the flight.
+        progress: callback with the simulated time and the running fitness.
+        stop: function that is polled after each record; if True, the flight ends early with a complete log.
 
     Raises:
-        LogError: the log has no state to fly on from.
-        MoflockError: what was asked for cannot be flown.
+        LogError: the log has no state up to `at`.
+        MoflockError: the flight is not possible.
     """
     _refuse_deployed(logged, "resume")
     if log is not None and Path(log).resolve() == logged.log.resolve():
@@ -167,55 +167,57 @@ def resume(
     state_time = _state_before(logged, at)
     simulation = Simulation(
         logged.params if params is None else _same_policy(logged.params, check_point(params)),
-        _prolonged(logged.scenario, state_time, duration),
+        _with_duration(logged.scenario, state_time, duration),
         logged.dynamics,
         logged.seed,
     )
-    _put(simulation, logged, state_time)
+    _restore_state(simulation, logged, state_time)
     if simulation.finished:
-        raise LogError(f"log: {logged.log}: the flight ends at {simulation.time:g} s; flying on needs a duration")
+        raise LogError(f"log: {logged.log}: the flight ends at {simulation.time:g} s; a longer flight needs a duration")
     origin = {RESUMED_FROM: logged.log.name, RESUMED_AT: repr(state_time)}
     return continue_flight(simulation, log=log, origin=origin, keep_samples=keep_samples, progress=progress, stop=stop)
 
 
 def _same_policy(logged: NamedTuple, params: NamedTuple) -> NamedTuple:
-    """The new parameters for a flight; flocking around a target keeps its target.
+    """New parameters of a flight, with its target if it has one.
 
     Raises:
-        PointError: they are of another policy.
+        PointError: the parameters are of another policy.
     """
     if isinstance(logged, TargetTrackingParams) and isinstance(params, type(logged.base)):
         return logged._replace(base=params)
     if type(params) is not type(logged):
-        raise PointError(f"policy: {spec_of(params).name!r} is another than the log's, {spec_of(logged).name!r}")
+        raise PointError(
+            f"policy: {spec_of(params).name!r} is not that of the log: it must be {spec_of(logged).name!r}"
+        )
     return params
 
 
 def _refuse_deployed(logged: LoggedFlight, what: str) -> None:
-    """Refuse a flight that was no simulation.
+    """Refuse the log of a deployed flight.
 
     Raises:
-        LogError: it was none.
+        LogError: the flight was not simulated.
     """
     if logged.dynamics == DEPLOYED:
         raise LogError(f"{what}: {logged.log} is of vehicles over MAVLink; it must be of a simulated flight")
 
 
-def _flock_at_start(logged: LoggedFlight) -> Simulation:
-    """The log's flock, as it was before the log's first sample."""
+def _simulation_at_start(logged: LoggedFlight) -> Simulation:
+    """Create the simulation in the state before the log's first sample."""
     simulation = Simulation(logged.params, logged.scenario, logged.dynamics, logged.seed)
     if logged.start > 0:
         if not logged.states:
-            raise LogError(f"log: {logged.log}: was resumed, but holds no state to fly again from")
-        _put(simulation, logged, min(logged.states))
+            raise LogError(f"log: {logged.log}: was resumed, but contains no state to start from")
+        _restore_state(simulation, logged, min(logged.states))
     return simulation
 
 
-def _put(simulation: Simulation, logged: LoggedFlight, state_time: float) -> None:
-    """Put a flock into one of the log's states.
+def _restore_state(simulation: Simulation, logged: LoggedFlight, state_time: float) -> None:
+    """Restore a simulation to one of the log's states.
 
     Raises:
-        LogError: the state is none of this flock, or of another time than the log says.
+        LogError: the state is of another simulation or another time.
     """
     try:
         simulation.restore(logged.states[state_time])
@@ -226,20 +228,20 @@ def _put(simulation: Simulation, logged: LoggedFlight, state_time: float) -> Non
 
 
 def _state_before(logged: LoggedFlight, at: float) -> float:
-    """The time of the latest state up to `at`, s."""
+    """Time of the latest state up to `at`, s."""
     end = float(logged.samples.t[-1])
     times = sorted(logged.states)
     if not math.isfinite(at) or not 0 <= at <= max(end, logged.flown) + 1e-9:
         raise LogError(f"resume: {at:g} s is out of bounds: the log {logged.log} ends at {end:g} s")
-    place = bisect.bisect_right(times, at + 1e-9)
-    if not place:
+    index = bisect.bisect_right(times, at + 1e-9)
+    if not index:
         first = f"its first is at {times[0]:g} s" if times else "it has none"
         raise LogError(f"resume: the log {logged.log} has no state up to {at:g} s; {first}")
-    return times[place - 1]
+    return times[index - 1]
 
 
-def _prolonged(scenario: Scenario, state_time: float, duration: float | None) -> Scenario:
-    """The scenario, ending so many seconds after a state."""
+def _with_duration(scenario: Scenario, state_time: float, duration: float | None) -> Scenario:
+    """Change the duration of a scenario to end `duration` seconds after a state."""
     if duration is None:
         return scenario
     if not math.isfinite(duration) or duration <= 0:
@@ -249,7 +251,7 @@ def _prolonged(scenario: Scenario, state_time: float, duration: float | None) ->
 
 
 def _first_difference(logged: LoggedFlight, record: SampleBuffer, first: int) -> Difference | None:
-    """The first sample of a record, whose samples count from `first`, that the log has otherwise."""
+    """First difference between a record, which begins with sample number `first`, and the log."""
     times = sample_times(logged.scenario, first, len(record.nearest)) / 1e9
     _, here, there = np.intersect1d(times, logged.samples.t, assume_unique=True, return_indices=True)
     points = _points_differ(logged, record, here, there)
@@ -259,10 +261,10 @@ def _first_difference(logged: LoggedFlight, record: SampleBuffer, first: int) ->
         "points": points.any(axis=1),
         "order parameters": (record.order_parameters[here] != running).any(axis=1),
     }
-    ticks = np.flatnonzero(np.logical_or.reduce(list(differ.values())))
-    if not len(ticks):
+    different = np.flatnonzero(np.logical_or.reduce(list(differ.values())))
+    if not len(different):
         return None
-    k = int(ticks[0])
+    k = int(different[0])
     drone = int(np.argmax(points[k])) if points[k].any() else None
     what = next(name for name, differs in differ.items() if differs[k])
     return Difference(first + int(here[k]), float(times[here[k]]), drone, what)
@@ -271,7 +273,7 @@ def _first_difference(logged: LoggedFlight, record: SampleBuffer, first: int) ->
 def _points_differ(
     logged: LoggedFlight, record: SampleBuffer, here: NDArray[np.intp], there: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """(K, N), which drones' logged points are not those of the record's samples `here`."""
+    """(K, N), True where the logged points `there` differ from the samples `here` of a record."""
     samples = logged.samples
     pairs = (
         (record.qpos[here][..., :3], samples.position),
@@ -280,13 +282,13 @@ def _points_differ(
         (record.qvel[here][..., 3:], logged.body_rates),
         (record.desired[here].swapaxes(1, 2), samples.desired_velocity),
     )
-    with np.errstate(over="ignore"):  # a body gone wild is logged as infinity
-        differ = [(flown.astype(np.float32) != told[there]).any(axis=-1) for flown, told in pairs]
+    with np.errstate(over="ignore"):  # a diverged body is logged as infinity
+        differ = [(computed.astype(np.float32) != stored[there]).any(axis=-1) for computed, stored in pairs]
     return np.asarray(np.any(differ, axis=0), bool)
 
 
 def _changes(logged: LoggedFlight, simulation: Simulation) -> tuple[VersionChange, ...]:
-    """What is another version here than when the flight was logged."""
+    """Differences of versions and machine between the log and here."""
     here = run_metadata(simulation)
     pairs = [(label, logged.metadata.get(name, ""), here[name]) for name, label in _VERSIONS.items()]
     return tuple(VersionChange(*pair) for pair in pairs if pair[1] != pair[2])

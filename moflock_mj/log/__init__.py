@@ -1,1 +1,1 @@
-"""MCAP logs: written, read, recovered, exported."""
+"""MCAP logs: writing, reading, recovery and export."""

@@ -1,8 +1,8 @@
-"""Writes an MCAP file whose messages come as ready bytes, many at a time.
+"""Writer of MCAP files for batches of encoded messages.
 
-The `mcap` package's own writer handles messages one by one, which costs more than all else in a log together. Here a
-chunk is closed over whole message records that somebody else has laid out, and its indexes over arrays. Everything that
-stands in the file only once is left to the record classes of `mcap`; the layout is that of https://mcap.dev/spec.
+The writer of the `mcap` package handles messages one by one, which costs more than the rest of logging. This writer
+builds chunks from complete message records, and their indexes from arrays. The record classes of `mcap` encode all
+records that occur once. The layout is that of https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from moflock_mj.log.schemas import WireRecord
 
 CHUNK_SIZE = 1 << 20  # bytes
 
-# Most of a log is the noise in the last bits of floats. On a flight of 30 drones, level 1 saves 3 % of the file and
-# level 3 another 0.5 %, for one and a half times and more than twice the time.
+# Most of a log is noise in the last bits of floats. On a flight of 30 drones, level 1 saves 3 % of the file in 1.5
+# times the time, and level 3 another 0.5 % in more than twice the time.
 _ZSTD, _ZSTD_LEVEL = b"zstd", -1
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length of the rest, channel, sequence, log time, publish time
 _MESSAGE_FIELDS = [("head", "V11"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
@@ -53,7 +53,7 @@ _PREFIX = 9  # an opcode and a length, which the length does not count
 
 
 def message_record(channel: int, message: WireRecord) -> WireRecord:
-    """A message with its record's head: the fields `sequence`, `log_time`, `publish_time` and, as before, `data`."""
+    """Layout of a message record: the fields `sequence`, `log_time`, `publish_time`, and the message in `data`."""
     head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - _PREFIX + len(message.constant), channel, 0, 0, 0)
     return WireRecord(np.dtype([*_MESSAGE_FIELDS, ("data", message.dtype)]), head + message.constant)
 
@@ -61,10 +61,10 @@ def message_record(channel: int, message: WireRecord) -> WireRecord:
 def message_rows(
     record: WireRecord, sequence: npt.NDArray[np.int64], time_ns: npt.NDArray[np.int64]
 ) -> npt.NDArray[Any]:
-    """Records of a kind that `message_record` describes, (K,), their `data` still to be filled.
+    """Create K message records with empty `data`.
 
     Args:
-        record: what they are like.
+        record: layout from `message_record`.
         sequence: (K,), message numbers.
         time_ns: (K,), log times.
     """
@@ -75,13 +75,13 @@ def message_rows(
 
 
 def row_bytes(rows: npt.NDArray[Any]) -> list[bytes]:
-    """The bytes of each row."""
+    """Bytes of each row."""
     separate: list[bytes] = rows.view(f"V{rows.itemsize}").tolist()
     return separate
 
 
 class ChunkWriter:
-    """An MCAP file while it is written; does not close its stream."""
+    """Writer of an MCAP file; does not close its stream."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
@@ -97,13 +97,13 @@ class ChunkWriter:
         self._write(MCAP0_MAGIC + _encoded(Header(profile="", library="moflock-mj")))
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
-        """Write a metadata record, before the chunk that is open."""
+        """Write a metadata record, before the open chunk."""
         record = _encoded(Metadata(name=name, metadata=dict(data)))
         self._metadata.append(MetadataIndex(offset=self._position, length=len(record), name=name))
         self._write(record)
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Write a file into the file, before the chunk that is open."""
+        """Write an attachment, before the open chunk."""
         attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         record = _encoded(attachment)
         self._attachments.append(
@@ -120,7 +120,7 @@ class ChunkWriter:
         self._write(record)
 
     def add_channel(self, topic: str, schema_name: str, descriptors: bytes) -> int:
-        """Declare a channel of protobuf messages and their schema; returns its id, which counts from 1."""
+        """Declare a channel of protobuf messages and their schema, and return its id, from 1."""
         number = len(self._channels) + 1
         schema = Schema(id=number, name=schema_name, encoding=SchemaEncoding.Protobuf, data=descriptors)
         channel = Channel(
@@ -132,7 +132,7 @@ class ChunkWriter:
         return number
 
     def add_message(self, channel: int, time_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add one message to the chunk that is open."""
+        """Add a message to the open chunk."""
         head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - _PREFIX + len(data), channel, sequence, time_ns, time_ns)
         self._open.entries[channel].append(_INDEX_ENTRY.pack(time_ns, self._open.size))
         self._open.reach(time_ns)
@@ -140,12 +140,12 @@ class ChunkWriter:
         self._close_if_full()
 
     def add_records(self, records: list[bytes], time_ns: npt.NDArray[np.int64], channels: Mapping[int, slice]) -> None:
-        """Add many messages to the chunk that is open.
+        """Add many messages to the open chunk.
 
         Args:
-            records: whole message records.
-            time_ns: (len(records),), their log times, which do not fall.
-            channels: which of the records belong to each channel.
+            records: complete message records.
+            time_ns: (len(records),), non-decreasing log times, ns.
+            channels: slice of the records of each channel.
         """
         *offsets, _ = itertools.accumulate(map(len, records), initial=self._open.size)
         entries = np.empty((len(records), 2), "<u8")
@@ -160,12 +160,12 @@ class ChunkWriter:
         self._close_if_full()
 
     def flush(self) -> None:
-        """Close the chunk, unless it holds no message, and hand all bytes to the operating system."""
+        """Close the chunk, unless it is empty, and pass all bytes to the operating system."""
         self._close_chunk()
         self._stream.flush()
 
     def finish(self) -> None:
-        """Write the summary, which ends the file."""
+        """Write the summary at the end of the file."""
         self._close_chunk()
         self._write(_encoded(DataEnd(data_section_crc=0)))
         self._write(self._summary())
@@ -223,7 +223,7 @@ class ChunkWriter:
         )
 
     def _summary(self) -> bytes:
-        """The records that say where everything is, the footer and the magic bytes."""
+        """Index records, footer and magic bytes."""
         groups: dict[Opcode, Sequence[McapRecord]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
@@ -241,13 +241,13 @@ class ChunkWriter:
             summary += group
         footer = Footer(summary_start=start, summary_offset_start=start + len(summary), summary_crc=0)
         summary += _encoded(*offsets)
-        # The checksum covers the footer, too, as far as its own four bytes.
+        # The checksum includes the footer up to the checksum field itself.
         footer.summary_crc = zlib.crc32(summary + _encoded(footer)[:-4])
         return summary + _encoded(footer) + MCAP0_MAGIC
 
 
 class _OpenChunk:
-    """Records that wait for their chunk to be closed."""
+    """Records of the chunk that is not yet written."""
 
     def __init__(self) -> None:
         self.records: list[bytes] = []
@@ -260,7 +260,7 @@ class _OpenChunk:
         self.size += len(records)
 
     def reach(self, time_ns: int) -> None:
-        """Extend the chunk's times to this one."""
+        """Extend the time range of the chunk to this time."""
         self.start, self.end = min(self.start, time_ns), max(self.end, time_ns)
 
 

@@ -1,4 +1,4 @@
-"""Turns the samples of a flight into the messages of an MCAP stream."""
+"""Encoder of samples, events and states of a flight as messages of an MCAP stream."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ _SECOND = 1_000_000_000
 
 
 class SampleBlock(NamedTuple):
-    """K consecutive sample ticks. The arrays are the log's to keep: the flight must not write into them again.
+    """K consecutive samples. The log keeps the arrays, and the caller must not change them afterwards.
 
     Attributes:
-        time_ns: (K,), int64, simulated time in ns.
-        qpos: (K, N, 7), position m in the world frame, quaternion wxyz.
-        qvel: (K, N, 6), velocity m/s in the world frame, body rates rad/s in the body frame.
-        desired_velocity: (K, N, 2), m/s, world, horizontal.
+        time_ns: (K,), int64, simulated time, ns.
+        qpos: (K, N, 7), position (m, world) and quaternion wxyz.
+        qvel: (K, N, 6), velocity (m/s, world) and body rates (rad/s, body).
+        desired_velocity: (K, N, 2), horizontal velocity command, m/s, world.
         status: (K, N), uint8, flags OUTSIDE, CLOSE and TOUCHED of `metrics.order_parameters`.
         order_parameters: (K, 6), running wall, vel, corr, coll, disc, cluster.
         fitness: (K, 9), running wall, speed, corr, coll, disc, cluster, F_1, F_2, product.
@@ -60,7 +60,7 @@ class SampleBlock(NamedTuple):
 
 
 class Attachment(NamedTuple):
-    """A file inside the log."""
+    """File attached to a log."""
 
     name: str
     media_type: str
@@ -69,16 +69,16 @@ class Attachment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LogHeader:
-    """What a log says before its first message.
+    """Content of a log before the first sample.
 
     Attributes:
-        metadata: the record `moflock.run`; `log_version` is added to it.
-        attachments: the models, the scenario, the parameters, the viewer layout.
-        outline: (M, 2), m, world, corners of the arena's wall in order.
-        altitude: m, at which the flock flies.
-        drones: how many, N.
-        radius: m, of one drone.
-        transform_period: every how many ticks /tf is written; viewers interpolate between them.
+        metadata: entries of the record `moflock.run`, without `log_version`.
+        attachments: model, scenario, parameters, and viewer layouts.
+        outline: (M, 2), corners of the arena's wall in order, m, world.
+        altitude: flight altitude, m.
+        drones: number of drones, N.
+        radius: radius of one drone, m.
+        transform_period: samples between two messages on /tf; viewers interpolate between them.
     """
 
     metadata: Mapping[str, str]
@@ -91,20 +91,20 @@ class LogHeader:
 
 
 class FlightState(NamedTuple):
-    """All that the flight carries from one step to the next, as bytes, at a simulated time in ns."""
+    """Complete state of a flight as bytes, and its simulated time, ns."""
 
     time_ns: int
     state: bytes
 
 
 class LinkPacket(NamedTuple):
-    """A packet of MAVLink as it went over a link, at a time in ns.
+    """MAVLink packet on a link.
 
     Attributes:
-        time_ns: when.
-        system: the vehicle's id; 0: all on the link.
-        sent: whether it went to the vehicle.
-        packet: its bytes.
+        time_ns: time of the packet, ns.
+        system: system id of the vehicle; 0 for all on the link.
+        sent: True if the packet was sent to the vehicle, False if it was received.
+        packet: bytes of the packet.
     """
 
     time_ns: int
@@ -114,14 +114,14 @@ class LinkPacket(NamedTuple):
 
 
 class Encoder:
-    """Turns blocks, events and states into the messages of an MCAP stream."""
+    """Encoder of blocks, events and states as messages of an MCAP stream."""
 
     def __init__(self, stream: IO[bytes], header: LogHeader) -> None:
         self._file = ChunkWriter(stream)
         self._drones = header.drones
         self._transform_period = header.transform_period
         self._tick = 0
-        self._written = 0  # simulated ns of the last tick, and of the last one that is with the operating system
+        self._written = 0  # simulated time of the last sample, and of the last one passed to the operating system, ns
         self._flushed = 0
         self._file.add_metadata(RUN_METADATA, {"log_version": str(LOG_VERSION), **header.metadata})
         for name, media_type, data in header.attachments:
@@ -132,22 +132,22 @@ class Encoder:
         self._points = message_record(self._channels["/swarm/points"], points_record(header.drones))
         self._transforms = message_record(self._channels["/tf"], transforms_record(header.drones))
         self._metrics = message_record(self._channels["/metrics"], metrics_record())
-        # A block that is longer than a chunk is written in pieces.
-        tick_size = sum(len(record.constant) for record in (self._points, self._transforms, self._metrics))
-        self._max_fixes = max(1, CHUNK_SIZE // tick_size)
-        still = scene(header.outline, header.altitude, header.drones, header.radius)
-        self._file.add_message(self._channels["/scene"], 0, still.SerializeToString())
+        # A block longer than a chunk is divided.
+        sample_size = sum(len(record.constant) for record in (self._points, self._transforms, self._metrics))
+        self._max_samples = max(1, CHUNK_SIZE // sample_size)
+        static_scene = scene(header.outline, header.altitude, header.drones, header.radius)
+        self._file.add_message(self._channels["/scene"], 0, static_scene.SerializeToString())
         walls = arena_points(header.outline, header.altitude)
         self._file.add_message(self._channels["/arena"], 0, walls.SerializeToString())
         self._file.flush()
 
     def block(self, block: SampleBlock) -> None:
-        """Write K ticks."""
+        """Write K samples."""
         count = len(block.time_ns)
         if not count:
             return
-        for first in range(0, count, self._max_fixes):
-            self._ticks(SampleBlock._make(array[first : first + self._max_fixes] for array in block))
+        for first in range(0, count, self._max_samples):
+            self._samples(SampleBlock._make(array[first : first + self._max_samples] for array in block))
         self._flush_in_time(int(block.time_ns[-1]))
 
     def event(self, event: FlightEvent) -> None:
@@ -155,51 +155,51 @@ class Encoder:
         self._file.add_message(self._channels["/log"], event.time_ns, event_message(event, self._drones))
 
     def state(self, state: FlightState) -> None:
-        """Write a state to resume from."""
+        """Write a complete state."""
         message = SimState(version=LOG_VERSION, state=state.state)
         self._file.add_message(self._channels["/sim/state"], state.time_ns, message.SerializeToString())
 
     def packet(self, packet: LinkPacket) -> None:
-        """Write a packet of MAVLink."""
+        """Write a MAVLink packet."""
         message = Packet(system=packet.system, sent=packet.sent, packet=packet.packet)
         self._file.add_message(self._channels["/mavlink"], packet.time_ns, message.SerializeToString())
 
     def finish(self, result: Mapping[str, str] | None) -> None:
-        """Write the result and the index, all of which is with the operating system afterwards."""
+        """Write result and index, and pass all bytes to the operating system."""
         self._file.flush()
         if result is not None:
             self._file.add_metadata(RESULT_METADATA, result)
         self._file.finish()
 
-    def _ticks(self, block: SampleBlock) -> None:
-        """Add K ticks to the chunk: of each the points, perhaps the transforms, and the metrics."""
+    def _samples(self, block: SampleBlock) -> None:
+        """Add K samples to the chunk: points, transforms of every `transform_period`-th sample, and metrics."""
         time_ns, count, period = block.time_ns, len(block.time_ns), self._transform_period
-        ticks = np.arange(self._tick, self._tick + count)
-        first_posed = -self._tick % period
-        posed = slice(first_posed, None, period)
+        numbers = np.arange(self._tick, self._tick + count)
+        first_transform = -self._tick % period
+        with_transforms = slice(first_transform, None, period)
         self._tick += count
         stamps = timestamps(time_ns)
-        points = message_rows(self._points, ticks, time_ns)
+        points = message_rows(self._points, numbers, time_ns)
         fill_points(points["data"], block, stamps)
-        transforms = message_rows(self._transforms, ticks[posed], time_ns[posed])
-        fill_transforms(transforms["data"], block.qpos[posed], stamps[posed])
-        metrics = message_rows(self._metrics, ticks, time_ns)
-        fill_metrics(metrics["data"], block, ticks)
-        # Three places for every tick; that of the transforms is mostly left empty.
+        transforms = message_rows(self._transforms, numbers[with_transforms], time_ns[with_transforms])
+        fill_transforms(transforms["data"], block.qpos[with_transforms], stamps[with_transforms])
+        metrics = message_rows(self._metrics, numbers, time_ns)
+        fill_metrics(metrics["data"], block, numbers)
+        # Three slots for each sample; that of the transforms is mostly empty.
         records = [b""] * (3 * count)
-        places = {
+        slots = {
             self._channels["/swarm/points"]: slice(0, None, 3),
-            self._channels["/tf"]: slice(3 * first_posed + 1, None, 3 * period),
+            self._channels["/tf"]: slice(3 * first_transform + 1, None, 3 * period),
             self._channels["/metrics"]: slice(2, None, 3),
         }
-        for rows, place in zip((points, transforms, metrics), places.values(), strict=True):
-            records[place] = row_bytes(rows)
-        self._file.add_records(records, time_ns.repeat(3), places)
+        for rows, slot in zip((points, transforms, metrics), slots.values(), strict=True):
+            records[slot] = row_bytes(rows)
+        self._file.add_records(records, time_ns.repeat(3), slots)
 
     def _flush_in_time(self, time_ns: int) -> None:
         """Close the chunk if a program killed before its next block would otherwise lose more than a second.
 
-        What it loses is all that waits in the chunk and the block that it is flying, taken to be as long as the last.
+        The loss is the content of the open chunk and the next block, which is assumed to be as long as the last one.
         """
         if (time_ns - self._flushed) + (time_ns - self._written) > _SECOND:
             self._file.flush()
@@ -208,7 +208,7 @@ class Encoder:
 
 
 def event_message(event: FlightEvent, drones: int) -> bytes:
-    """An event as `foxglove.Log`."""
+    """Encode an event as `foxglove.Log`."""
     name = "flock" if event.drone < 0 else frame_name(event.drone, drones)
     message = Log(level=Log.Level.Value(event.level.upper()), message=event.message, name=name)
     message.timestamp.seconds, message.timestamp.nanos = divmod(event.time_ns, _SECOND)
@@ -216,10 +216,10 @@ def event_message(event: FlightEvent, drones: int) -> bytes:
 
 
 def fill_points(messages: npt.NDArray[Any], block: SampleBlock, stamps: npt.NDArray[np.uint8]) -> None:
-    """Fill K messages of `points_record`; stamps: those of the block's ticks, (K, 12)."""
+    """Fill K messages of `points_record`; stamps: times of the samples, (K, 12)."""
     messages["stamp"] = stamps
     drones = messages["points"]
-    # A body that has gone wild may leave what a float of four bytes can hold; that is infinity then.
+    # Values of a diverged body beyond the range of a 4-byte float become infinity.
     with np.errstate(over="ignore"):
         drones["qpos"] = block.qpos
         drones["qvel"] = block.qvel
@@ -237,9 +237,9 @@ def fill_transforms(messages: npt.NDArray[Any], qpos: npt.NDArray[np.float64], s
     drones["rotation"]["value"][..., 3] = qpos[..., 3]
 
 
-def fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, ticks: npt.NDArray[np.int64]) -> None:
-    """Fill K messages of `metrics_record`; ticks: their numbers, (K,)."""
-    messages["tick"] = varints(ticks)
+def fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, numbers: npt.NDArray[np.int64]) -> None:
+    """Fill K messages of `metrics_record`; numbers: numbers of the samples, (K,)."""
+    messages["tick"] = varints(numbers)
     values = messages["values"]["value"]
     values[:, : len(ORDER_PARAMETER_FIELDS)] = block.order_parameters
     values[:, len(ORDER_PARAMETER_FIELDS) :] = block.fitness
@@ -247,20 +247,20 @@ def fill_metrics(messages: npt.NDArray[Any], block: SampleBlock, ticks: npt.NDAr
 
 
 def check_shapes(block: SampleBlock, drones: int) -> None:
-    """Refuse a block whose arrays do not fit together.
+    """Check the shapes of a block's arrays.
 
     Raises:
-        ValueError: names the array, its shape and the one that is expected.
+        ValueError: an array has another shape than expected.
     """
-    ticks = len(block.time_ns)
+    samples = len(block.time_ns)
     shapes = {
-        "time_ns": (ticks,),
-        "qpos": (ticks, drones, 7),
-        "qvel": (ticks, drones, 6),
-        "desired_velocity": (ticks, drones, 2),
-        "status": (ticks, drones),
-        "order_parameters": (ticks, len(ORDER_PARAMETER_FIELDS)),
-        "fitness": (ticks, len(FITNESS_FIELDS)),
+        "time_ns": (samples,),
+        "qpos": (samples, drones, 7),
+        "qvel": (samples, drones, 6),
+        "desired_velocity": (samples, drones, 2),
+        "status": (samples, drones),
+        "order_parameters": (samples, len(ORDER_PARAMETER_FIELDS)),
+        "fitness": (samples, len(FITNESS_FIELDS)),
     }
     for name, shape in shapes.items():
         if getattr(block, name).shape != shape:

@@ -1,4 +1,4 @@
-"""Puts a flight of `fly` into a log: what precedes it, its samples, its states, its end."""
+"""Observer that logs a flight of `fly`: header, samples, states and result."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.simulation import Simulation
 
 _STATE_PERIOD = 10.0
-"""Simulated seconds between two whole states."""
+"""Simulated seconds between two complete states."""
 
 _MAX_DRAWN = 200
-"""Drones up to which the attached model shows rotors and arms; composing these takes the square of their number."""
+"""Largest flock whose attached model includes visual geoms; the cost of composing them is quadratic in the drones."""
 
 
 class FlightLogger:
-    """A log that follows a flock; a context manager.
+    """Log of a running simulation; a context manager.
 
-    A flight that ends early, by Ctrl-C or because a state is no longer finite, leaves a finished log with its last
-    seconds in it; only a log that cannot be written is removed.
+    A flight that ends early, by Ctrl-C or a state that is no longer finite, leaves a complete log up to its end. The
+    log is removed only if it cannot be written.
 
     Args:
-        path: where it is written.
-        simulation: what it follows, from the state that the flock is in now.
-        origin: what the metadata say of where that state comes from.
+        path: path of the log.
+        simulation: the simulation, logged from its present state on.
+        origin: metadata about the source of that state.
 
     Raises:
         LogError: the log cannot be written.
@@ -72,20 +72,20 @@ class FlightLogger:
 
     @property
     def needs_states(self) -> bool:
-        """Always: a log holds whole states."""
+        """True: a log contains complete states."""
         return True
 
     def write(self, time_ns: NDArray[np.int64], record: SampleBuffer, events: list[FlightEvent]) -> None:
-        """Log some samples and the events in them."""
+        """Log consecutive samples and their events."""
         for event in events:
             self._log.event(event)
         self._log.write(sample_block(time_ns, record, self._simulation.scenario))
         if self._simulation.body is None:
-            # Point masses outrun the disk, and would lose more than a second to a kill.
+            # Point masses run faster than the disk: a killed program would lose more than a second.
             self._log.settle()
 
     def finish(self, record: SampleBuffer) -> None:
-        """End the log with the figures of the last record."""
+        """Finish the log with the figures of the last record."""
         phi = OrderParameters(*record.order_parameters[-1].tolist())
         fitness: Fitness = fitness_of(phi, self._simulation.scenario)
         self._finished = True
@@ -111,14 +111,14 @@ class FlightLogger:
         self._log.finish({"flown": repr(self._simulation.time), "error": message})
 
     def store_state(self) -> None:
-        """Log the whole state if that is due; to be called before the first samples and after all others."""
+        """Log the complete state if it is due; called before the first samples and after each record."""
         if self._simulation.time >= self._next_state - 1e-9:
             self._log.state(round(self._simulation.time * 1e9), self._simulation.snapshot())
             self._next_state += _STATE_PERIOD
 
 
 def sample_block(time_ns: NDArray[np.int64], record: SampleBuffer, scenario: Scenario) -> SampleBlock:
-    """Samples as a log holds them; time_ns: (K,), simulated time of each."""
+    """Convert samples to the form of a log; time_ns: (K,), simulated times, ns."""
     fitness = fitness_of(OrderParameters(*record.order_parameters.T), scenario)
     return SampleBlock(
         time_ns=time_ns,
@@ -132,7 +132,7 @@ def sample_block(time_ns: NDArray[np.int64], record: SampleBuffer, scenario: Sce
 
 
 def run_metadata(simulation: Simulation) -> dict[str, str]:
-    """All that is needed to fly this flight again, and when and on what it was flown."""
+    """Inputs of the flight, for repetition, and time, versions and machine."""
     return {
         "scenario": simulation.scenario.to_toml(),
         "policy": spec_of(simulation.params).name,
@@ -145,7 +145,7 @@ def run_metadata(simulation: Simulation) -> dict[str, str]:
 
 
 def circumstances() -> dict[str, str]:
-    """Versions, machine and time: what may explain a difference between two flights."""
+    """Time, versions and machine, which may explain a difference between two flights."""
     return {
         "moflock_version": version("moflock-mj"),
         "commit": source_commit(),
@@ -162,7 +162,7 @@ def circumstances() -> dict[str, str]:
 def flight_attachments(
     scenario: Scenario, params: NamedTuple, step: float, metadata: Mapping[str, str]
 ) -> tuple[Attachment, ...]:
-    """The files inside a log: model, scenario, parameters, a copy of the metadata, layouts for viewers."""
+    """Files attached to a log: model, scenario, parameters, a copy of the metadata, layouts for viewers."""
     model = flock_spec(scenario.airframe, scenario.drones, step, visuals=scenario.drones <= _MAX_DRAWN)
     model.compile()
     return (
@@ -176,7 +176,7 @@ def flight_attachments(
 
 
 def source_commit() -> str:
-    """The commit of the source, or nothing for an installed package."""
+    """Commit of the source; empty for an installed package."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return ""
@@ -188,7 +188,7 @@ def source_commit() -> str:
 
 
 def _cpu() -> str:
-    """The processor's name: compiled code may round differently on another one."""
+    """Name of the processor, because compiled code may round differently on another one."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,7 +1,7 @@
-"""Reads the records of an MCAP file that may be cut off, damaged or hostile; the layout is that of https://mcap.dev/spec.
+"""Reader of the records of an MCAP file that may be cut off, damaged or hostile.
 
-Nothing that a file says of itself is believed: a length is compared with what there is before anything is read, and a
-chunk is unpacked only after its size has been found small enough.
+The layout is that of https://mcap.dev/spec. The reader does not trust the file: it checks every length against the
+available bytes, and the size of a chunk against a limit before decompression.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, summary start, start of i
 _STATISTICS = struct.Struct("<QHIIII")  # messages, schemas, channels, attachments, metadata, chunks
 
 _MAX_CHUNK = 1 << 26
-"""Bytes of an unpacked chunk; the writer's are about 1 MiB, and the whole state of 10 000 drones takes 10 MB."""
+"""Largest size of a decompressed chunk, bytes; usual ones have 1 MiB, and a state of 10 000 drones takes 10 MB."""
 
 _MAX_GROWTH = 64
-"""How many times its own size a file may unpack to in all, beyond the size of one chunk; a log takes twice, if that."""
+"""Largest ratio of decompressed to compressed size of a file, besides one chunk; that of a log is at most about 2."""
 
 
 class DamageError(Exception):
-    """What is wrong with a file or one of its records, in a few words."""
+    """Damage of a file or of one of its records, described in a few words."""
 
 
 class Record(NamedTuple):
-    """One record.
+    """Record of an MCAP file.
 
     Attributes:
-        opcode: what it is.
-        content: what follows the opcode and the length.
-        end: where the next record begins.
+        opcode: kind of the record.
+        content: bytes after opcode and length.
+        end: position of the next record.
     """
 
     opcode: int
@@ -51,7 +51,7 @@ class Record(NamedTuple):
 
 
 class AttachedFile(NamedTuple):
-    """A file inside the file."""
+    """File attached to an MCAP file."""
 
     name: str
     media_type: str
@@ -59,7 +59,7 @@ class AttachedFile(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A message: its channel's id, its number, its log time in ns, its bytes."""
+    """Message: id of its channel, sequence number, log time (ns) and bytes."""
 
     channel: int
     sequence: int
@@ -68,7 +68,7 @@ class Message(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What the end of a finished file says of it: how much there is, and from which to which log time, ns."""
+    """Summary of a complete file: numbers of records, and range of log times, ns."""
 
     attachments: int
     metadata: int
@@ -78,10 +78,10 @@ class Summary(NamedTuple):
 
 
 def map_file(path: Path) -> memoryview:
-    """The bytes of a file, which are read from the disk as they are looked at.
+    """Map a file into memory.
 
     Raises:
-        LogError: there is no such file, or it cannot be read.
+        LogError: the file does not exist, is empty, or cannot be read.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -96,27 +96,27 @@ def map_file(path: Path) -> memoryview:
 
 
 def record_at(data: memoryview, position: int) -> Record:
-    """The record that begins here.
+    """Record at a position.
 
     Raises:
-        DamageError: there is none.
+        DamageError: no complete record begins there.
     """
     if position + _PREFIX.size > len(data):
         raise DamageError(f"ends within a record, at byte {len(data)}")
     opcode, length = _PREFIX.unpack_from(data, position)
     start = position + _PREFIX.size
     if not Opcode.HEADER <= opcode <= Opcode.DATA_END:
-        raise DamageError(f"byte {position} begins no record")
+        raise DamageError(f"byte {position} does not begin a record")
     if length > len(data) - start:
         raise DamageError(f"ends within the record that begins at byte {position}")
     return Record(opcode, data[start : start + length], start + length)
 
 
 def records_in(data: memoryview) -> Iterator[Record]:
-    """The records that fill a chunk.
+    """Iterate over the records of a chunk.
 
     Raises:
-        DamageError: they do not.
+        DamageError: the chunk does not consist of complete records.
     """
     position = 0
     while position < len(data):
@@ -126,10 +126,10 @@ def records_in(data: memoryview) -> Iterator[Record]:
 
 
 def read_message(content: memoryview) -> Message:
-    """A message record.
+    """Decode a message record.
 
     Raises:
-        DamageError: it is none.
+        DamageError: the record is invalid.
     """
     if len(content) < _MESSAGE_HEAD.size:
         raise DamageError("a message is cut off")
@@ -138,10 +138,10 @@ def read_message(content: memoryview) -> Message:
 
 
 def read_channel(content: memoryview) -> tuple[int, str]:
-    """The id and the topic of a channel record.
+    """Id and topic of a channel record.
 
     Raises:
-        DamageError: it is none.
+        DamageError: the record is invalid.
     """
     fields = _Fields(content, "a channel")
     number, _, topic = fields.number(2), fields.number(2), fields.text()
@@ -149,10 +149,10 @@ def read_channel(content: memoryview) -> tuple[int, str]:
 
 
 def check_bookkeeping(record: Record) -> None:
-    """Check a record whose content is of no use, but whose length says where the next one begins.
+    """Check the length of a record whose content is not used.
 
     Raises:
-        DamageError: its length does not fit its content.
+        DamageError: the length does not match the content.
     """
     fields = _Fields(record.content, "a record")
     match record.opcode:
@@ -167,10 +167,10 @@ def check_bookkeeping(record: Record) -> None:
 
 
 def read_metadata(content: memoryview) -> tuple[str, dict[str, str]]:
-    """The name and the entries of a metadata record.
+    """Name and entries of a metadata record.
 
     Raises:
-        DamageError: it is none.
+        DamageError: the record is invalid.
     """
     fields = _Fields(content, "a metadata record")
     name = fields.text()
@@ -184,10 +184,10 @@ def read_metadata(content: memoryview) -> tuple[str, dict[str, str]]:
 
 
 def read_attachment(content: memoryview) -> AttachedFile:
-    """An attachment whose checksum is right.
+    """Decode an attachment and verify its checksum.
 
     Raises:
-        DamageError: it is none.
+        DamageError: the record is invalid, or its checksum is wrong.
     """
     fields = _Fields(content, "an attachment")
     fields.take(16)  # two times, both zero
@@ -201,10 +201,10 @@ def read_attachment(content: memoryview) -> AttachedFile:
 
 
 class ChunkUnpacker:
-    """Unpacks the chunks of one file, as long as they stay within reason.
+    """Decompressor of the chunks of one file, with a limit on their total size.
 
     Args:
-        file_size: bytes.
+        file_size: size of the file, bytes.
     """
 
     def __init__(self, file_size: int) -> None:
@@ -212,10 +212,10 @@ class ChunkUnpacker:
         self._decompressor = zstandard.ZstdDecompressor()
 
     def unpack(self, content: memoryview) -> memoryview:
-        """The records inside a chunk record whose checksum is right.
+        """Decompress the records in a chunk record and verify the checksum.
 
         Raises:
-            DamageError: it is none, or too large.
+            DamageError: the record is invalid or too large, or its checksum is wrong.
         """
         fields = _Fields(content, "a chunk")
         fields.take(16)  # its first and its last log time
@@ -230,8 +230,8 @@ class ChunkUnpacker:
             raise DamageError(f"its chunks unpack to over {_MAX_GROWTH} times its size")
         self._left -= size
         try:
-            if zstandard.frame_content_size(packed) != size:  # what zstandard would set aside, unasked
-                raise DamageError("a chunk is of another size than it says")
+            if zstandard.frame_content_size(packed) != size:  # zstandard allocates this size
+                raise DamageError("the size of a chunk is not the stated one")
             records = self._decompressor.decompress(packed)
         except zstandard.ZstdError:
             raise DamageError("a chunk cannot be unpacked") from None
@@ -241,10 +241,10 @@ class ChunkUnpacker:
 
 
 def read_summary(data: memoryview) -> Summary:
-    """What the end of a file says of it.
+    """Decode the summary at the end of a file.
 
     Raises:
-        DamageError: the file has no end, or a damaged one.
+        DamageError: the end of the file is missing or damaged.
     """
     start_of_footer = len(data) - _FOOTER.size
     if start_of_footer < 0 or data[-len(MCAP0_MAGIC) :] != MCAP0_MAGIC:
@@ -259,16 +259,16 @@ def read_summary(data: memoryview) -> Summary:
             fields = _Fields(record.content, "its summary")
             _, _, _, attachments, metadata, chunks = _STATISTICS.unpack(fields.take(_STATISTICS.size))
             return Summary(attachments, metadata, chunks, fields.number(8), fields.number(8))
-    raise DamageError("its summary says not how much it holds")
+    raise DamageError("its summary has no statistics")
 
 
 def printable(text: str) -> str:
-    """A text of unknown origin, short and without what could upset a terminal."""
+    """Shorten an untrusted text, and replace its control characters."""
     return "".join(sign if sign.isprintable() else "?" for sign in text[:200])
 
 
 class _Fields:
-    """The fields of a record, one after the other."""
+    """Sequential decoder of the fields of a record."""
 
     def __init__(self, content: memoryview, what: str) -> None:
         self._content = content
@@ -276,10 +276,11 @@ class _Fields:
 
     @property
     def left(self) -> int:
-        """Bytes that are still to be taken."""
+        """Number of remaining bytes."""
         return len(self._content)
 
     def take(self, size: int) -> memoryview:
+        """Next `size` bytes."""
         if size > len(self._content):
             raise DamageError(f"{self._what} is cut off")
         taken, self._content = self._content[:size], self._content[size:]
@@ -292,7 +293,7 @@ class _Fields:
         try:
             return str(self.take(self.number(4)), "utf-8")
         except UnicodeDecodeError:
-            raise DamageError(f"{self._what} holds a text that is not UTF-8") from None
+            raise DamageError(f"{self._what} contains a text that is not UTF-8") from None
 
     def end(self) -> None:
         if self._content:

@@ -1,4 +1,4 @@
-"""Reads a finished log back into a flight."""
+"""Reader of complete logs."""
 
 from __future__ import annotations
 
@@ -59,33 +59,33 @@ from moflock_mj.simulation.results import AnyFlight
 _LEVELS: dict[int, Any] = {Log.INFO: "info", Log.WARNING: "warning", Log.ERROR: "error"}
 
 _READ = ("/swarm/points", "/metrics", "/log", "/sim/state")
-"""Topics that are read; the others repeat them for viewers."""
+"""Topics of the reader; the others repeat their data for viewers."""
 
-_NO_FLIGHT = f"is no log of a flight: it has no record {RUN_METADATA}"
+_NO_FLIGHT = f"is not a log of a flight: it has no record {RUN_METADATA}"
 
 _LATEST_NS = 1 << 53
-"""ns; simulated times up to 100 days, which a float tells apart."""
+"""Largest simulated time, about 100 days, ns; larger times are not exact in a float."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LoggedFlight(AnyFlight):
-    """A flight as its log tells it: T samples of N drones.
+    """Flight from a log: T samples of N drones.
 
-    Positions, velocities and commands were rounded to single precision, and `samples.nearest` is measured on them. Of a
+    Positions, velocities and commands have single precision, and `samples.nearest` is computed from them. Of a
     drone's flags only the worst was kept: TOUCHED hides CLOSE, which hides OUTSIDE.
 
     Attributes:
-        samples: never None; a log that was resumed begins with the first sample after its state.
-        log: where it was read from.
-        start: s, the state from which the flight was resumed; 0 for one that is logged from its beginning.
+        samples: samples of the flight, never None; those of a resumed flight begin after its first state.
+        log: path of the log.
+        start: time of the state from which the flight was resumed, s; 0 for a log from the beginning.
         quaternion: (T, N, 4), w x y z, from body to world.
-        body_rates: (T, N, 3), rad/s, body.
-        running_fitness: arrays over (T,).
-        digests: (T, 16), of the exact states, see `log_schemas.state_digests`.
-        states: whole states by simulated time in s, as `Simulation.restore` takes them.
-        metadata: how the flight came about: versions, commit, processor, time.
-        result: the figures of the flight's end; empty if the log was recovered without them.
-        attachments: files by name.
+        body_rates: (T, N, 3), body rates, rad/s, body.
+        running_fitness: running fitness, arrays over (T,).
+        digests: (T, 16), digests of the exact states, see `moflock_mj.log.schemas.state_digests`.
+        states: complete states for `Simulation.restore`, by simulated time in s.
+        metadata: inputs of the flight, versions, commit, processor and time.
+        result: final figures of the flight; empty if the log was recovered without them.
+        attachments: contents of the attached files, by name.
     """
 
     samples: Samples
@@ -102,9 +102,9 @@ class LoggedFlight(AnyFlight):
 
     @property
     def missing(self) -> float:
-        """Simulated time before the last sample that the log has lost, s; 0 but for a recovered log."""
+        """Simulated time of lost samples before the last one, s; 0 except in a recovered log."""
         period, times = self.scenario.sample_period, self.samples.t
-        # Each sample stands for the time before it, so that the one at the start stands for none.
+        # Each sample represents the period before it, so that the initial one represents none.
         kept = int(np.sum(times > self.start)) * period
         return max(round(float(times[-1]) - self.start - kept, 9), 0.0)
 
@@ -113,7 +113,7 @@ def read_log(path: str | Path) -> LoggedFlight:
     """Read a log.
 
     Raises:
-        LogError: not a log of a flight, one of a newer moflock, or one that is unfinished, cut off or damaged.
+        LogError: not a log of a flight, or a log that is newer, unfinished, cut off or damaged.
     """
     path = Path(path)
     data = map_file(path)
@@ -133,10 +133,10 @@ def read_log(path: str | Path) -> LoggedFlight:
 
 
 def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, NamedTuple, str, int]:
-    """What the record `moflock.run` says was flown: scenario, parameters, dynamics, seed.
+    """Scenario, parameters, dynamics and seed from the record `moflock.run`.
 
     Raises:
-        DamageError: it lacks something, or says what cannot be.
+        DamageError: an entry is missing or invalid.
         MoflockError: the scenario or the parameters are not valid.
     """
     field = "log_version"
@@ -156,12 +156,14 @@ def run_facts(metadata: Mapping[str, str]) -> tuple[Scenario, NamedTuple, str, i
         if (dynamics := metadata[field]) not in (*DEFAULT_STEP, DEPLOYED):
             raise ValueError
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
-        raise DamageError(f"{field}: {printable(metadata.get(field, 'missing'))!r} is no {field} of a flight") from None
+        raise DamageError(
+            f"{field}: {printable(metadata.get(field, 'missing'))!r} is not the {field} of a flight"
+        ) from None
     return scenario, params, dynamics, seed
 
 
 def run_copy(attachments: Mapping[str, bytes]) -> dict[str, str] | None:
-    """The record `moflock.run` as the attachments repeat it under a checksum, which the record itself lacks."""
+    """Copy of the record `moflock.run` in the attachments, which have a checksum; None if absent or invalid."""
     try:
         copied = json.loads(attachments[RUN_COPY])
         return {str(name): str(value) for name, value in copied.items()}
@@ -170,14 +172,14 @@ def run_copy(attachments: Mapping[str, bytes]) -> dict[str, str] | None:
 
 
 class _Channel(NamedTuple):
-    """The messages of a topic."""
+    """Messages of a topic."""
 
     time_ns: list[int]
     data: list[bytes]
 
 
 class LogContent(NamedTuple):
-    """What a file holds, its messages by topic; not yet understood."""
+    """Content of a file, with undecoded messages by topic."""
 
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
@@ -185,10 +187,10 @@ class LogContent(NamedTuple):
 
 
 def read_content(data: memoryview) -> LogContent:
-    """Read a whole file, with all its checksums.
+    """Read a file and verify all its checksums.
 
     Raises:
-        DamageError: something is missing or damaged.
+        DamageError: a part of the file is missing or damaged.
     """
     summary, seen = read_summary(data), defaultdict[int, int](int)
     content = LogContent({}, {}, {topic: _Channel([], []) for topic in _READ})
@@ -206,17 +208,17 @@ def read_content(data: memoryview) -> LogContent:
             case Opcode.CHUNK:
                 _read_messages(unpacker.unpack(record.content), content.channels, by_number)
         position = record.end
-    # A record whose very kind was damaged has been passed over.
+    # The count detects a record with a damaged opcode, which was skipped.
     counted = Summary(seen[Opcode.ATTACHMENT], seen[Opcode.METADATA], seen[Opcode.CHUNK], *summary[3:])
     if counted != summary:
-        raise DamageError("holds less than its summary says")
+        raise DamageError("contains less than its summary states")
     if RUN_COPY in content.attachments and run_copy(content.attachments) != content.metadata.get(RUN_METADATA):
         raise DamageError(f"its record {RUN_METADATA} and the copy {RUN_COPY} differ")
     return content
 
 
 def _read_messages(chunk: memoryview, channels: Mapping[str, _Channel], by_number: dict[int, _Channel]) -> None:
-    """Sort a chunk's messages by topic, as far as they are to be read."""
+    """Append the messages of a chunk to the channels of their topics."""
     for record in records_in(chunk):
         if record.opcode == Opcode.MESSAGE:
             message = read_message(record.content)
@@ -230,10 +232,10 @@ def _read_messages(chunk: memoryview, channels: Mapping[str, _Channel], by_numbe
 
 
 def flight_of(path: Path, content: LogContent) -> LoggedFlight:
-    """The flight that a file tells of.
+    """Decode the flight in a file.
 
     Raises:
-        DamageError: it is not laid out as a flight's log.
+        DamageError: the layout is not that of a log.
         MoflockError: the scenario or the parameters are not valid.
     """
     if RUN_METADATA not in content.metadata:
@@ -241,9 +243,9 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
     run, result = content.metadata[RUN_METADATA], content.metadata.get(RESULT_METADATA, {})
     scenario, params, dynamics, seed = run_facts(run)
     deployed = dynamics == DEPLOYED
-    # The time of a deployed flight counts from before its take-off; its duration is that in the flock.
+    # The times of a deployed flight start before take-off; its duration is the time in the flock.
     latest = _LATEST_NS if deployed else round(scenario.duration * 1e9)
-    times, clouds, metrics = _ticks(content.channels, scenario, latest)
+    times, clouds, metrics = _samples(content.channels, scenario, latest)
     end = float(times[-1]) / 1e9
     values = metrics["values"]["value"].T.copy()
     points = clouds["points"]
@@ -253,7 +255,7 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
         scenario=scenario,
         dynamics=dynamics,
         seed=seed,
-        flown=_time_told(result.get("flown", ""), 0.0 if deployed else end, scenario.duration, end),
+        flown=_time_from_text(result.get("flown", ""), 0.0 if deployed else end, scenario.duration, end),
         order_parameters=OrderParameters(*values[: len(METRICS), -1].tolist()),
         fitness=Fitness(*values[len(METRICS) :, -1].tolist()),
         samples=Samples(
@@ -267,7 +269,7 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
         ),
         events=_events(content.channels["/log"], scenario.drones),
         log=path,
-        start=_time_told(run.get(RESUMED_AT, ""), 0.0, times[0] / 1e9, 0.0),
+        start=_time_from_text(run.get(RESUMED_AT, ""), 0.0, times[0] / 1e9, 0.0),
         quaternion=points["qpos"][..., 3:].astype(np.float64),
         body_rates=points["qvel"][..., 3:].astype(np.float64),
         running_fitness=Fitness(*values[len(METRICS) :]),
@@ -279,10 +281,10 @@ def flight_of(path: Path, content: LogContent) -> LoggedFlight:
     )
 
 
-def _ticks(
+def _samples(
     channels: Mapping[str, _Channel], scenario: Scenario, latest: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any], npt.NDArray[Any]]:
-    """The times in ns, points and metrics of all ticks that have both; a log may end between the two."""
+    """Times (ns), points and metrics of all samples that have both; a log may end between the two."""
     points, metrics = channels["/swarm/points"], channels["/metrics"]
     clouds = _rows("/swarm/points", points.data, points_record(scenario.drones), scenario.drones)
     figures = _rows("/metrics", metrics.data, metrics_record(), scenario.drones)
@@ -293,15 +295,15 @@ def _ticks(
         return_indices=True,
     )
     if not len(times):
-        raise DamageError("holds no samples")
+        raise DamageError("contains no samples")
     return times, clouds[with_points], figures[with_metrics]
 
 
 def _sample_times(topic: str, channel: _Channel, period: float, latest: int) -> npt.NDArray[np.int64]:
-    """The times of a topic's messages, ns; samples come every `period` s, none after `latest`, ns.
+    """Times of a topic's messages, ns, checked to be increasing multiples of `period` (s) up to `latest` (ns).
 
     Raises:
-        DamageError: they are not those of a flight's samples, one after the other.
+        DamageError: the times are not those of samples.
     """
     if max(channel.time_ns, default=0) > _LATEST_NS:
         raise DamageError(f"{topic}: the time {max(channel.time_ns)} ns is out of bounds: at most {_LATEST_NS} ns")
@@ -312,10 +314,10 @@ def _sample_times(topic: str, channel: _Channel, period: float, latest: int) -> 
 
 
 def _rows(topic: str, messages: list[bytes], record: WireRecord, drones: int) -> npt.NDArray[Any]:
-    """Messages of a constant length as NumPy records; (T,).
+    """Messages of constant length as NumPy records, (T,).
 
     Raises:
-        DamageError: one of them is laid out otherwise.
+        DamageError: a message has another layout.
     """
     size = len(record.constant)
     for message in messages:
@@ -333,16 +335,16 @@ def _rows(topic: str, messages: list[bytes], record: WireRecord, drones: int) ->
 def _status(flags: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     """(T, N) flags, checked."""
     if (flags > OUTSIDE | CLOSE | TOUCHED).any():
-        raise DamageError("/swarm/points: a status is none")
+        raise DamageError("/swarm/points: a status is invalid")
     return flags.copy()
 
 
 @entry_kernel
 def _nearest(position: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(T,) smallest distances between two drones, m, of (T, N, 3) positions; infinite for one drone."""
-    ticks, drones = position.shape[:2]
-    nearest = np.full(ticks, math.inf)
-    for k in range(ticks):
+    """Smallest distance between two drones, (T,), m, from positions (T, N, 3); infinite for one drone."""
+    samples, drones = position.shape[:2]
+    nearest = np.full(samples, math.inf)
+    for k in range(samples):
         for i in range(drones):
             for j in range(i + 1, drones):
                 dx = position[k, j, 0] - position[k, i, 0]
@@ -354,33 +356,35 @@ def _nearest(position: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def _events(channel: _Channel, drones: int) -> tuple[FlightEvent, ...]:
-    """Events in the order of the log."""
+    """Events, in the order of the log."""
     numbers = {frame_name(drone, drones): drone for drone in range(drones)} | {"flock": -1}
     events = []
     for time_ns, data in zip(*channel, strict=True):
         try:
-            told = Log.FromString(data)
-            events.append(FlightEvent(time_ns, _LEVELS[told.level], printable(told.message), numbers[told.name]))
+            message = Log.FromString(data)
+            events.append(
+                FlightEvent(time_ns, _LEVELS[message.level], printable(message.message), numbers[message.name])
+            )
         except (DecodeError, KeyError):
-            raise DamageError("/log: a message is no event of a flight") from None
+            raise DamageError("/log: a message is not an event of a flight") from None
     return tuple(events)
 
 
 def _states(channel: _Channel) -> dict[float, bytes]:
-    """Whole states by simulated time, s."""
+    """Complete states by simulated time, s."""
     states = {}
     for time_ns, data in zip(*channel, strict=True):
         try:
             states[time_ns / 1e9] = bytes(SimState.FromString(data).state)
         except DecodeError:
-            raise DamageError("/sim/state: a message is no state of a flight") from None
+            raise DamageError("/sim/state: a message is not a state of a flight") from None
     return states
 
 
-def _time_told(text: str, low: float, high: float, default: float) -> float:
-    """A time in s of the metadata, if it is one between `low` and `high`."""
+def _time_from_text(text: str, low: float, high: float, default: float) -> float:
+    """Time in s from metadata, or `default` if it is not between `low` and `high`."""
     try:
-        told = float(text)
+        value = float(text)
     except ValueError:
         return default
-    return told if low <= told <= high + 1e-9 else default
+    return value if low <= value <= high + 1e-9 else default

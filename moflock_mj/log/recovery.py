@@ -1,4 +1,4 @@
-"""Saves what is intact of a log whose writer was killed, or which was cut off or damaged."""
+"""Recovery of a log whose writer was killed, or which is cut off or damaged."""
 
 from __future__ import annotations
 
@@ -35,39 +35,39 @@ from moflock_mj.log.reader import LoggedFlight, flight_of, read_content, run_cop
 from moflock_mj.log.schemas import CHANNELS, RESULT_METADATA, RUN_METADATA, schema_of
 
 RECOVERY_METADATA = "moflock.recovery"
-"""Record of a recovered log: from which file, and what was wrong with it."""
+"""Name of the metadata record about the source and the problems of a recovered log."""
 
-_LANDMARK = re.compile(
+_RECORD_START = re.compile(
     rb"\x06.{36}\x04\0\0\0zstd"  # a chunk
     rb"|\x09.{8}\0{16}"  # an attachment, whose times are zero
     rb"|\x0c.{8}(?:\x0b\0\0\0moflock\.run|\x0e\0\0\0moflock\.result)"
     rb"|\x0f\x04\0{7}",  # the end of the data
     re.DOTALL,
 )
-"""How the records begin that are worth finding behind a damaged one."""
+"""Pattern of the beginning of records to search for after a damaged one."""
 
 _MAX_SEARCHED = 16
-"""How many times its own size a file is read in vain; one that was made to be slow ends there."""
+"""Largest ratio of bytes read in damaged records to the file size, which bounds the time for a hostile file."""
 
 _MAX_PROBLEMS = 20
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Recovery:
-    """What was saved of a log, and what was not.
+    """Result of a recovery.
 
     Attributes:
-        broken: the file that was read.
-        log: the finished log that was written.
-        start: s, where the log begins; 0 unless it was resumed.
-        end: s, time of the last sample kept.
-        kept: s, simulated time whose samples are in the new log.
-        lost: s, simulated time that is known to be missing.
-        end_known: whether `lost` counts what is missing at the end, too. If not, the file does not tell; a writer that
-            was killed loses at most the last simulated second.
-        duration: s, of the scenario.
-        messages: how many are in the new log.
-        problems: what was wrong with the file; nothing if it was sound.
+        broken: path of the damaged file.
+        log: path of the recovered log.
+        start: time of the beginning of the log, s; 0 unless the flight was resumed.
+        end: time of the last recovered sample, s.
+        kept: simulated time with samples in the recovered log, s.
+        lost: simulated time that is known to be missing, s.
+        end_known: True if `lost` includes the missing time at the end. Otherwise the end is unknown; a killed writer
+            loses at most the last simulated second.
+        duration: duration of the scenario, s.
+        messages: number of messages in the recovered log.
+        problems: problems of the file; empty if it is intact.
     """
 
     broken: Path
@@ -83,7 +83,7 @@ class Recovery:
 
 
 def recovered_path(broken: str | Path) -> Path:
-    """Where a recovered log goes unless the user says: beside the broken one, which stays."""
+    """Default path of a recovered log, beside the damaged one."""
     broken = Path(broken)
     name = broken.name.removesuffix(".part").removesuffix(".mcap")
     plain = broken.with_name(f"{name}.mcap")
@@ -93,15 +93,15 @@ def recovered_path(broken: str | Path) -> Path:
 def recover(
     broken: str | Path, out: str | Path | None = None, progress: Callable[[float], None] | None = None
 ) -> Recovery:
-    """Write a finished log of all that is intact in a broken one.
+    """Write a complete log of the intact records of a damaged one.
 
     Args:
-        broken: the file to save; it stays as it is.
-        out: the log to be written; `recovered_path` if absent.
-        progress: told the share that is done, up to 1.
+        broken: path of the damaged file, which is not changed.
+        out: path of the recovered log; `recovered_path` if absent.
+        progress: callback with the completed fraction, up to 1.
 
     Raises:
-        LogError: no flight is intact, or the new log cannot be written.
+        LogError: no flight can be recovered, or the new log cannot be written.
     """
     broken = Path(broken)
     data = map_file(broken)
@@ -111,29 +111,29 @@ def recover(
     _refuse_unfinished_flight(broken)
     salvage = _Salvage(data, progress or (lambda _: None))
     if RUN_METADATA not in salvage.metadata:
-        raise LogError(f"log: {broken}: no record {RUN_METADATA} is intact: nothing says what was flown")
+        raise LogError(f"log: {broken}: no record {RUN_METADATA} is intact: the inputs of the flight are unknown")
     with _replacing(out) as part:
         try:
             with part.open("wb") as stream:
                 messages = salvage.write(stream, broken.name)
             flight = flight_of(out, read_content(map_file(part)))
         except (DamageError, MoflockError) as problem:
-            raise LogError(f"log: {broken}: what is intact makes no flight: {problem}") from None
+            raise LogError(f"log: {broken}: the intact records are not a flight: {problem}") from None
     known_end = salvage.known_end()
     return _recovery(flight, broken, messages, known_end, tuple(salvage.problems))
 
 
 class _Salvage:
-    """What is intact of a file.
+    """Intact content of a file.
 
     Args:
-        data: the file.
-        progress: told the share that is done.
+        data: content of the file.
+        progress: callback with the completed fraction.
 
     Attributes:
-        metadata: records by name.
-        attachments: those whose checksum is right.
-        problems: what was wrong, in the order of the file.
+        metadata: metadata records by name.
+        attachments: attachments with correct checksums.
+        problems: problems, in the order of the file.
     """
 
     def __init__(self, data: memoryview, progress: Callable[[float], None]) -> None:
@@ -152,21 +152,21 @@ class _Salvage:
             progress(record.end / len(data) / 2)
         if not self._ended:
             self._note("has no end")
-        self._mend_run()
+        self._restore_run()
 
     def write(self, stream: IO[bytes], origin: str) -> int:
-        """Write all that is intact as a finished log; returns the number of messages.
+        """Write the intact records as a complete log, and return the number of messages.
 
         Args:
-            stream: where to.
-            origin: name of the broken file.
+            stream: stream of the recovered log.
+            origin: name of the damaged file.
         """
         writer, unpacker, messages = ChunkWriter(stream), ChunkUnpacker(len(self._data)), 0
         self.metadata[RECOVERY_METADATA] = {"from": origin, "problems": "; ".join(self.problems)}
         writer.add_metadata(RUN_METADATA, self.metadata[RUN_METADATA])
         for attachment in self.attachments.values():
             writer.add_attachment(*attachment)
-        # Schemas and channels stand in the first chunk alone, which may be lost; they are the same in every log.
+        # Only the first chunk has schemas and channels, and it may be lost; they are the same in every log.
         for topic, message in CHANNELS.items():
             writer.add_channel(topic, *schema_of(message))
         for chunk in self._chunks:
@@ -182,7 +182,7 @@ class _Salvage:
         return messages
 
     def known_end(self) -> float | None:
-        """How long the flight was, s, if the file still tells."""
+        """Time of the end of the flight, s; None if it is unknown."""
         with contextlib.suppress(KeyError, ValueError):
             return float(self.metadata[RESULT_METADATA]["flown"])
         with contextlib.suppress(DamageError):
@@ -190,30 +190,30 @@ class _Salvage:
         return None
 
     def _intact_records(self, position: int) -> Iterator[Record]:
-        """Take in every record that is intact, up to the end of the data."""
-        patience = _MAX_SEARCHED * len(self._data)
+        """Store and iterate over the intact records, up to the end of the data."""
+        budget = _MAX_SEARCHED * len(self._data)
         while not self._ended and position < len(self._data):
             length = 0
             try:
                 record = record_at(self._data, position)
                 length = len(record.content)
-                self._take(record)
+                self._store(record)
             except DamageError as problem:
                 self._note(f"byte {position}: {problem}")
-                patience -= length
-                landmark = _LANDMARK.search(self._data, position + 1)
-                if landmark is None or patience < 0:
+                budget -= length
+                record_start = _RECORD_START.search(self._data, position + 1)
+                if record_start is None or budget < 0:
                     return
-                position = landmark.start()
+                position = record_start.start()
             else:
                 position = record.end
                 yield record
 
-    def _take(self, record: Record) -> None:
-        """Take in a record.
+    def _store(self, record: Record) -> None:
+        """Store a record.
 
         Raises:
-            DamageError: it is not intact.
+            DamageError: the record is not intact.
         """
         match record.opcode:
             case Opcode.METADATA:
@@ -223,19 +223,19 @@ class _Salvage:
                 attachment = read_attachment(record.content)
                 self.attachments[attachment.name] = attachment
             case Opcode.CHUNK:
-                list(_messages(self._unpacker.unpack(record.content)))  # all of them can be read
+                list(_messages(self._unpacker.unpack(record.content)))  # check that all messages can be read
                 self._chunks.append(record)
             case Opcode.HEADER | Opcode.MESSAGE_INDEX | Opcode.DATA_END:
                 check_bookkeeping(record)
                 self._ended = record.opcode == Opcode.DATA_END
             case _:
-                raise DamageError("a record that no log has here")
+                raise DamageError("a record of an unexpected kind")
 
-    def _mend_run(self) -> None:
-        """Take the record `moflock.run` from its copy, which has a checksum."""
+    def _restore_run(self) -> None:
+        """Restore the record `moflock.run` from its copy, which has a checksum."""
         copied = run_copy({name: attachment.data for name, attachment in self.attachments.items()})
         if copied and copied != self.metadata.get(RUN_METADATA):
-            self._note(f"the record {RUN_METADATA} is damaged; its copy is not")
+            self._note(f"the record {RUN_METADATA} is damaged; its copy is intact")
             self.metadata[RUN_METADATA] = copied
 
     def _note(self, problem: str) -> None:
@@ -244,10 +244,10 @@ class _Salvage:
 
 
 def _messages(chunk: memoryview) -> Iterator[Message]:
-    """The messages of a chunk, of the channels that a log has.
+    """Messages of a chunk on the channels of a log.
 
     Raises:
-        DamageError: it is not filled by records.
+        DamageError: the chunk does not consist of complete records.
     """
     for record in records_in(chunk):
         if record.opcode == Opcode.MESSAGE:
@@ -259,9 +259,9 @@ def _messages(chunk: memoryview) -> Iterator[Message]:
 def _recovery(
     flight: LoggedFlight, broken: Path, messages: int, known_end: float | None, problems: tuple[str, ...]
 ) -> Recovery:
-    """The figures of a recovered flight."""
+    """Create the result from a recovered flight."""
     end = float(flight.samples.t[-1])
-    # A flight that broke off by itself has never logged its last samples.
+    # A flight that ended with an error has not logged its last samples.
     last = end if known_end is None or "error" in flight.result else min(known_end, flight.scenario.duration)
     return Recovery(
         broken=broken,
@@ -279,10 +279,10 @@ def _recovery(
 
 @contextlib.contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
-    """A file to be written, which takes its name when all went well, and else is gone.
+    """Yield a temporary path, and rename it to `path` on success or remove it on failure.
 
     Raises:
-        LogError: it cannot be written.
+        LogError: the file cannot be written.
     """
     part = path.with_name(f"{path.name}.recovered.part")
     try:
@@ -301,7 +301,7 @@ def _refuse_unfinished_flight(path: Path) -> None:
     """Refuse a log that is still being written.
 
     Raises:
-        LogError: it is.
+        LogError: a flight holds the lock of the file.
     """
     with path.open("rb") as stream:
         try:

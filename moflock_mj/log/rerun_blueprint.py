@@ -1,7 +1,7 @@
-"""The blueprint that shows a log in Rerun: the flock in 3D, curves of its figures, and its events.
+"""Blueprint for Rerun: flock in 3D, curves of the metrics, and events.
 
-It is the same for every log, so it is kept as a file, and a log can be written where Rerun is not installed. `python -m
-moflock_mj.log.rerun_blueprint` makes the file anew, for a newer Rerun or after a change here.
+The blueprint is the same for every log and stored as a file, so that logging does not require Rerun. `python -m
+moflock_mj.log.rerun_blueprint` regenerates the file, for a newer Rerun or after a change here.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from moflock_mj.log.foxglove_layout import BLUEPRINT_FILE, CURVE_COLOURS, PLOTS,
 from moflock_mj.log.schemas import Metrics
 
 APPLICATION = "moflock"
-"""Of the recordings to which Rerun applies the blueprint by itself."""
+"""Application id of the recordings to which Rerun applies the blueprint automatically."""
 
 
 def write_blueprint(out: Path) -> None:
-    """Make the blueprint, a file .rbl, with rerun-sdk.
+    """Write the blueprint, a .rbl file, with rerun-sdk.
 
     Raises:
         RenderError: rerun-sdk is not installed.
@@ -35,7 +35,7 @@ def write_blueprint(out: Path) -> None:
         contents=["/swarm/points", "/arena", "/tf"],
         name="Flock",
         background=[18, 22, 28],
-        # Negative radii are in pixels; a drone of its true size could not be seen.
+        # Negative radii are in pixels; a drone of true size would be invisible.
         overrides={"/swarm/points": rerun.Points3D.from_fields(radii=-5.0)},
         line_grid=views.LineGrid3D(visible=True, spacing=50.0),
     )
@@ -51,7 +51,7 @@ def write_blueprint(out: Path) -> None:
 
 
 def _plot(views: Any, title: str, fields: tuple[str, ...], limits: tuple[float, float] | None) -> Any:
-    """Curves of fields of /metrics, which Rerun keeps together as one message."""
+    """View with curves of fields of /metrics, which Rerun stores as one message."""
     import rerun  # noqa: PLC0415 - an extra
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping  # noqa: PLC0415 - an extra
 

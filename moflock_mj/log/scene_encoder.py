@@ -1,4 +1,4 @@
-"""What a viewer draws once: the ground, the arena's walls, labels with units, and a body for each drone's frame."""
+"""Static scene for viewers: ground, walls of the arena, labels with units, and a body in each drone's frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BODY = (0.25, 0.27, 0.30, 1.0)
 _ROTOR = (0.75, 0.80, 0.85, 0.8)
 _NOSE = (0.90, 0.11, 0.20, 1.0)
 
-_DOT = (118, 128, 140, 255)  # a drone that is fine is as blue as the walls
+_DOT = (118, 128, 140, 255)  # the blue of the walls
 _WALL_POINT = np.dtype([("place", "<f4", (3,)), ("rgba", "u1", (4,))])
 _POINTS_PER_WALL = 60
 
@@ -30,10 +30,10 @@ def scene(outline: npt.NDArray[np.float64], altitude: float, drones: int, radius
     """The `foxglove.SceneUpdate` of a flight.
 
     Args:
-        outline: (M, 2), m, world, corners of the arena's wall in order.
-        altitude: m, at which the flock flies; the walls reach twice as high.
-        drones: how many.
-        radius: m, of one drone.
+        outline: (M, 2), corners of the arena's wall in order, m, world.
+        altitude: flight altitude, m; the walls are twice as high.
+        drones: number of drones.
+        radius: radius of one drone, m.
     """
     update = SceneUpdate()
     _ground(_entity(update, "ground"), outline)
@@ -42,18 +42,18 @@ def scene(outline: npt.NDArray[np.float64], altitude: float, drones: int, radius
     for drone in range(drones):
         name = frame_name(drone, drones)
         body = _entity(update, name, frame=name)
-        # Locked to its frame, the body follows /tf after this one message.
+        # With the frame locked, the body follows /tf after this single message.
         body.frame_locked = True
         _airframe(body, radius)
     return update
 
 
 def arena_points(outline: npt.NDArray[np.float64], altitude: float) -> Any:
-    """The arena's edges as dots, a `foxglove.PointCloud`: Rerun, which draws no scene, draws this.
+    """The arena's edges as points, a `foxglove.PointCloud`, for Rerun, which does not draw scenes.
 
     Args:
-        outline: (M, 2), m, world, corners of the arena's wall in order.
-        altitude: m, at which the flock flies.
+        outline: (M, 2), corners of the arena's wall in order, m, world.
+        altitude: flight altitude, m.
     """
     share = np.linspace(0, 1, _POINTS_PER_WALL, endpoint=False)[:, None]
     walls = zip(outline, np.roll(outline, -1, axis=0), strict=True)
@@ -80,7 +80,7 @@ def _entity(update: Any, name: str, frame: str = WORLD_FRAME) -> Any:
 def _ground(entity: Any, outline: npt.NDArray[np.float64]) -> None:
     low, high = outline.min(axis=0), outline.max(axis=0)
     size = 1.2 * (high - low)
-    # Its upper face lies just below zero, so that nothing on the ground flickers through it.
+    # The upper face is just below zero, to avoid flicker with objects on the ground.
     _place(entity.cubes.add(), (*(low + high) / 2, -0.06), size=(*size, 0.1), colour=_GROUND)
 
 
@@ -112,7 +112,7 @@ def _labels(entity: Any, outline: npt.NDArray[np.float64], altitude: float) -> N
 
 
 def _airframe(entity: Any, radius: float) -> None:
-    """A quadrotor within a circle of the radius: a box, four rotors in an X, and a nose that shows the heading."""
+    """Add a quadrotor of the given radius: a box, four rotors in an X, and a nose in the direction of heading."""
     rotor, arm = 0.35 * radius, 0.65 * radius
     _place(entity.cubes.add(), (0.0, 0.0, 0.0), size=(0.5 * radius, 0.35 * radius, 0.2 * radius), colour=_BODY)
     _place(entity.cubes.add(), (0.3 * radius, 0.0, 0.0), size=(0.2 * radius,) * 3, colour=_NOSE)

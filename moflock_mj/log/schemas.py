@@ -1,8 +1,8 @@
-"""What a flight's log consists of: its channels, their schemas, and the bytes of the messages that every tick repeats.
+"""Schemas of a log: channels, message types, and binary layout of the messages of each sample.
 
-The messages of a tick are protobuf, yet no protobuf object is made for them. Their length never changes within a
-flight, so each is a NumPy record: constant bytes (tags, lengths, names) around fields that are filled for many ticks at
-once. The writer fills such records; a reader takes the drones out of a `foxglove.PointCloud` with
+The messages of a sample are protobuf, but are not created as protobuf objects. Their length is constant within a
+flight, so that each is a NumPy record: constant bytes (tags, lengths, names) around fields that are filled for many
+samples at once. The writer fills such records. A reader extracts the drones from a `foxglove.PointCloud` with
 `np.frombuffer(cloud.data, POINT)`.
 """
 
@@ -26,12 +26,12 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from moflock_mj.metrics.catalogue import METRICS, OBJECTIVES
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
 
-# Rises when a reader made for the older layout would misread the newer one; stands as `log_version` in the metadata.
+# Increases when a reader of the older layout would misread the newer one; `log_version` in the metadata.
 LOG_VERSION = 2
 RUN_METADATA = "moflock.run"
-RUN_COPY = "run.json"  # the same as an attachment, because that has a checksum
+RUN_COPY = "run.json"  # copy as an attachment, which has a checksum
 RESULT_METADATA = "moflock.result"
-# Entries of `moflock.run` in a log that begins in the middle of a flight: when, in s, and in the middle of which log's.
+# Entries of `moflock.run` in the log of a resumed flight: time of the state in s, and name of its log.
 RESUMED_AT, RESUMED_FROM = "resumed_at", "resumed_from"
 WORLD_FRAME = "world"
 
@@ -64,15 +64,14 @@ POINT_FLOATS = (
     *("vx", "vy", "vz", "p", "q", "r"),
     *("desired_vx", "desired_vy", "desired_vz"),
 )
-# Four fields of a byte each: what Foxglove and Lichtblick call `rgba-fields` and choose by themselves.
+# Four fields of a byte each, the `rgba-fields` that Foxglove and Lichtblick select automatically.
 POINT_COLOURS = ("red", "green", "blue", "alpha")
-# (4, 4) u8, a drone's colour by the worst of its status: fine, outside the arena, closer than r_coll to another, has
-# touched.
+# (4, 4) u8, colour of a drone by its worst flag: none, outside the arena, closer than r_coll to another, has touched.
 STATUS_RGBA = np.array(
     [[66, 165, 245, 255], [255, 202, 40, 255], [255, 112, 32, 255], [229, 28, 52, 255]], dtype=np.uint8
 )
 
-# (8,) u8, the row of STATUS_RGBA of each combination of flags.
+# (8,) u8, row of STATUS_RGBA for each combination of flags.
 STATUS_ROW = np.array(
     [3 if flags & TOUCHED else 2 if flags & CLOSE else 1 if flags & OUTSIDE else 0 for flags in range(8)], np.uint8
 )
@@ -80,21 +79,21 @@ STATUS_ROW = np.array(
 _VARINT, _DOUBLE, _BYTES = 0, 1, 2  # protobuf's wire types
 _TAGGED_DOUBLE = np.dtype([("tag", "u1"), ("value", "<f8")])
 _DIGEST_SIZE = 16
-# The five bytes of a padded varint: seven bits each, the lowest first, and a bit that says that more follow.
+# The five bytes of a padded varint: seven bits each, the lowest first, and a continuation bit.
 _SEPTETS = np.arange(0, 35, 7)
 _MORE_FOLLOW = np.array([0x80, 0x80, 0x80, 0x80, 0])
-_TIMESTAMP_TAGS = (0x08, 0x10)  # of the varints `seconds` and `nanos`
+_TIMESTAMP_TAGS = (0x08, 0x10)  # tags of the varints `seconds` and `nanos`
 
 
 def _own_messages() -> tuple[Any, Any, Any]:
-    """The classes of `moflock.Metrics`, `moflock.SimState` and `moflock.Packet`, in a pool of their own."""
+    """Create the classes of `moflock.Metrics`, `moflock.SimState` and `moflock.Packet`, in a separate pool."""
     file = FileDescriptorProto(name="moflock/log.proto", package="moflock", syntax="proto3")
     kinds = FieldDescriptorProto
     doubles = [(name, kinds.TYPE_DOUBLE) for name in (*ORDER_PARAMETER_FIELDS, *FITNESS_FIELDS)]
     messages = {
         "Metrics": [*doubles, ("tick", kinds.TYPE_UINT64), ("state_digest", kinds.TYPE_BYTES)],
         "SimState": [("version", kinds.TYPE_UINT32), ("state", kinds.TYPE_BYTES)],
-        # MAVLink as it went over a link: the vehicle's system id (0: all on the link), whether it went to it.
+        # A MAVLink packet: the vehicle's system id (0: all on the link), and whether it was sent to the vehicle.
         "Packet": [("system", kinds.TYPE_UINT32), ("sent", kinds.TYPE_BOOL), ("packet", kinds.TYPE_BYTES)],
     }
     for message, fields in messages.items():
@@ -110,7 +109,7 @@ def _own_messages() -> tuple[Any, Any, Any]:
 
 Metrics, SimState, Packet = _own_messages()
 
-# In the order of their channel ids, 1 to 8, which is the same in every log.
+# Channels in the order of their ids, 1 to 8, which are the same in every log.
 CHANNELS: dict[str, Any] = {
     "/swarm/points": PointCloud,
     "/tf": FrameTransforms,
@@ -124,50 +123,50 @@ CHANNELS: dict[str, Any] = {
 
 
 def schema_of(message_class: Any) -> tuple[str, bytes]:
-    """A message class's full name, and its FileDescriptorSet with all that it imports."""
+    """Full name of a message class, and its FileDescriptorSet with all imports."""
     return message_class.DESCRIPTOR.full_name, build_file_descriptor_set(message_class).SerializeToString(
         deterministic=True
     )
 
 
 def frame_name(drone: int, drones: int) -> str:
-    """A drone's frame in /tf; all names of one flight are equally long."""
+    """Name of a drone's frame in /tf; all names of a flight have the same length."""
     return f"drone_{drone:0{max(2, len(str(drones - 1)))}d}"
 
 
 def state_digests(qpos: npt.NDArray[np.float64], qvel: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-    """Sixteen bytes for each of K ticks that stand for its exact state, (K, 16).
+    """Digests of the exact states of K samples, (K, 16).
 
     Args:
-        qpos: (K, N, 7), position m and quaternion wxyz.
-        qvel: (K, N, 6), velocity m/s and body rates rad/s.
+        qpos: (K, N, 7), position (m, world) and quaternion wxyz.
+        qvel: (K, N, 6), velocity (m/s, world) and body rates (rad/s, body).
     """
-    ticks, drones = qpos.shape[:2]
-    states = np.concatenate((qpos.reshape(ticks, 7 * drones), qvel.reshape(ticks, 6 * drones)), axis=1, dtype="<f8")
+    samples, drones = qpos.shape[:2]
+    states = np.concatenate((qpos.reshape(samples, 7 * drones), qvel.reshape(samples, 6 * drones)), axis=1, dtype="<f8")
     digests = b"".join([hashlib.blake2b(state, digest_size=_DIGEST_SIZE).digest() for state in states])
-    return np.frombuffer(digests, np.uint8).reshape(ticks, _DIGEST_SIZE)
+    return np.frombuffer(digests, np.uint8).reshape(samples, _DIGEST_SIZE)
 
 
 class WireRecord(NamedTuple):
-    """A protobuf message whose length is constant.
+    """Layout of a protobuf message of constant length.
 
     Attributes:
-        dtype: the message, byte by byte; what changes from tick to tick has a field.
-        constant: the message's bytes, its fields still zero.
+        dtype: layout of the bytes, with a field for each part that varies between samples.
+        constant: bytes of the message with zeros in the fields.
     """
 
     dtype: np.dtype[Any]
     constant: bytes
 
     def rows(self, count: int) -> npt.NDArray[Any]:
-        """(count,) writable messages, their fields still zero."""
+        """(count,) writable messages with zeros in the fields."""
         return np.frombuffer(bytearray(self.constant * count), self.dtype)
 
 
 def points_record(drones: int) -> WireRecord:
     """`foxglove.PointCloud` with the fields `stamp` and `points`, (N,) of POINT."""
     cloud = PointCloud(frame_id=WORLD_FRAME, point_stride=POINT.itemsize)
-    # Rerun takes a pose without a position for a broken one.
+    # Rerun treats a pose without a position as invalid.
     cloud.pose.position.SetInParent()
     cloud.pose.orientation.w = 1.0
     for place, name in enumerate(POINT_FLOATS):
@@ -203,14 +202,14 @@ def metrics_record() -> WireRecord:
 def varints(values: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
     """Integers below 2**35 as varints, (...) to (..., 5).
 
-    They always take five bytes, which protobuf allows, so that a message is equally long at all times.
+    They always take five bytes, which protobuf permits, so that the length of a message is constant.
     """
     septets = (values[..., None] >> _SEPTETS) & 0x7F | _MORE_FOLLOW
     return np.asarray(septets, np.uint8)
 
 
 def timestamps(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-    """Simulated times, (K,) ns, as the contents of `google.protobuf.Timestamp`, (K, 12)."""
+    """Encode simulated times, (K,) ns, as contents of `google.protobuf.Timestamp`, (K, 12)."""
     seconds_nanos = np.empty((len(time_ns), 2), np.int64)
     np.divmod(time_ns, 1_000_000_000, seconds_nanos[:, 0], seconds_nanos[:, 1])
     fields = np.empty((len(time_ns), 2, 6), np.uint8)
@@ -220,7 +219,7 @@ def timestamps(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
 
 
 class _Piece(NamedTuple):
-    """A stretch of a message: its bytes, and a name and dtype if they change."""
+    """Part of a message: its bytes, and name and dtype of the field if they vary."""
 
     constant: bytes
     name: str = ""
@@ -249,13 +248,13 @@ def _tag(number: int, wire_type: int) -> bytes:
 
 
 def _message(number: int, *pieces: _Piece) -> tuple[_Piece, ...]:
-    """The pieces as a field whose length stands before it: bytes or a message."""
+    """Field of type bytes or message: tag and length, then the pieces."""
     length = sum(len(piece.constant) for piece in pieces)
     return (_Piece(_tag(number, _BYTES) + _varint(length)), *pieces)
 
 
 def _doubles(name: str, count: int) -> _Piece:
-    """The fields 1 to `count` of a message, all of them doubles."""
+    """Fields 1 to `count` of a message, all doubles."""
     constant = b"".join(_tag(number, _DOUBLE) + bytes(8) for number in range(1, count + 1))
     return _Piece(constant, name, (_TAGGED_DOUBLE, (count,)))
 
@@ -264,7 +263,7 @@ _STAMP = _Piece(bytes(12), "stamp", ("u1", 12))
 
 
 def _transform(frame: str) -> WireRecord:
-    """One `foxglove.FrameTransform` as an element of the list that /tf is."""
+    """Element of /tf, a `foxglove.FrameTransform`."""
     return _record(
         *_message(
             FrameTransforms.TRANSFORMS_FIELD_NUMBER,

@@ -1,4 +1,4 @@
-"""The samples of a flight as one long table, a row for each drone at each time: CSV or Parquet."""
+"""Export of a flight's samples as a table with a row per drone and time, in CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from moflock_mj.simulation.results import AnyFlight, kept_samples
 if TYPE_CHECKING:
     from pyarrow import Table
 
-# The name of each column, its unit and what it holds; the names carry the units too, for a CSV has nothing else.
+# Names include the unit, because CSV has no metadata.
 COLUMNS = {
     "t_s": ("s", "simulated time"),
     "drone": ("1", "number of the drone, from 0"),
@@ -29,11 +29,11 @@ COLUMNS = {
     "vz_m_s": ("m/s", "velocity, world, up"),
     "desired_vx_m_s": ("m/s", "commanded velocity, world"),
     "desired_vy_m_s": ("m/s", "commanded velocity, world"),
-    "outside": ("1", "whether it is beyond a wall of the arena"),
-    "close": ("1", "whether it is closer than r_coll to another drone"),
-    "touched": ("1", "whether it has touched another drone or the ground"),
+    "outside": ("1", "true if beyond a wall of the arena"),
+    "close": ("1", "true if closer than r_coll to another drone"),
+    "touched": ("1", "true if it has touched another drone or the ground"),
 }
-"""The table's columns: name, unit, meaning."""
+"""Columns of the table: name, unit, meaning."""
 
 
 def export_csv(flight: AnyFlight, out: str | os.PathLike[str]) -> None:
@@ -50,7 +50,7 @@ def export_csv(flight: AnyFlight, out: str | os.PathLike[str]) -> None:
 
 
 def export_parquet(flight: AnyFlight, out: str | os.PathLike[str]) -> None:
-    """Write a flight's samples as Parquet; each column's metadata names its unit, the file's the conditions.
+    """Write a flight's samples as Parquet; column metadata contain units, file metadata the inputs of the flight.
 
     Raises:
         RenderError: no samples, pyarrow is not installed, or the file cannot be written.
@@ -63,7 +63,7 @@ def export_parquet(flight: AnyFlight, out: str | os.PathLike[str]) -> None:
 
 
 def sample_table(flight: AnyFlight) -> Table:
-    """A flight's samples as a table with `COLUMNS`, ordered by time, then drone.
+    """Create a table of a flight's samples with `COLUMNS`, ordered by time, then drone.
 
     Raises:
         RenderError: no samples, or pyarrow is not installed.
@@ -89,7 +89,7 @@ def sample_table(flight: AnyFlight) -> Table:
 
 
 def _conditions(flight: AnyFlight) -> dict[str, str]:
-    """What is needed to fly this flight again."""
+    """Inputs of the flight, for repetition, and its fitness."""
     return {
         "scenario": flight.scenario.to_toml(),
         "policy": spec_of(flight.params).name,

@@ -1,8 +1,8 @@
-"""Writes a flight into one MCAP file, on a thread of its own.
+"""Writer of a flight's MCAP file, on a separate thread.
 
-The file is called NAME.mcap.part until it is finished, and its chunk is closed at least every simulated second, so that
-whatever kills the program costs at most the last second. Nothing in it depends on the wall clock but what the caller
-puts into the metadata.
+The file is named NAME.mcap.part until it is complete. A chunk is closed at least every simulated second, so that a
+killed program loses at most the last second. The content does not depend on the wall clock, except for the metadata of
+the caller.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ __all__ = ["Attachment", "FlightEvent", "FlightLog", "LinkPacket", "LogHeader", 
 
 
 class FlightLog:
-    """A flight's log while it is written; a context manager.
+    """Log of a running flight; a context manager.
 
-    Leaving the context finishes the log, also after Ctrl-C; any other exception aborts it. What goes wrong on the disk
-    comes up as a LogError at the next call, when the unfinished file is already gone.
+    Leaving the context finishes the log, also after Ctrl-C; any other exception aborts it. After a write error, the
+    next call removes the unfinished file and raises a LogError.
     """
 
     def __init__(self, path: str | os.PathLike[str], header: LogHeader) -> None:
-        """Open NAME.mcap.part and write all that precedes the flight.
+        """Open NAME.mcap.part and write the header.
 
         Raises:
             LogError: the file cannot be written, or another flight is writing it.
@@ -56,14 +56,14 @@ class FlightLog:
             raise
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._idle = threading.Semaphore()
-        # A daemon, so that a program that dies without closing its log does not wait for it for ever.
+        # A daemon thread does not block the exit of a program that has not closed its log.
         self._thread = threading.Thread(target=self._run, name=f"log {self.path.name}", daemon=True)
         self._thread.start()
 
     def write(self, block: SampleBlock) -> None:
-        """Hand over sample ticks, which follow those handed over before.
+        """Write consecutive samples, which follow those of the previous call.
 
-        Waits until the block before is on the disk, so that a flight never gets far ahead of what survives it.
+        The call waits until the previous block is written, which bounds the samples that a killed program loses.
 
         Raises:
             ValueError: an array has the wrong shape.
@@ -78,32 +78,32 @@ class FlightLog:
             raise
 
     def settle(self) -> None:
-        """Wait until all blocks are on the disk."""
+        """Wait until all blocks are written."""
         with self._idle:
             self._raise_failure()
 
     def event(self, event: FlightEvent) -> None:
-        """Record an event, in the place where it comes between the blocks."""
+        """Write an event, in order with the blocks."""
         self._put(event)
 
     def state(self, time_ns: int, state: bytes) -> None:
-        """Record the complete state from which the flight can be resumed.
+        """Write a complete state, from which the flight can be resumed.
 
         Args:
-            time_ns: simulated time in ns.
-            state: MuJoCo's integration state and all else that the flight carries from step to step.
+            time_ns: simulated time, ns.
+            state: bytes of the state, see `Simulation.snapshot`.
         """
         self._put(FlightState(time_ns, state))
 
     def packet(self, packet: LinkPacket) -> None:
-        """Record a packet of MAVLink."""
+        """Write a MAVLink packet."""
         self._put(packet)
 
     def finish(self, result: Mapping[str, str] | None = None) -> None:
-        """Write the result and the index, and give the file its name; later calls do nothing.
+        """Write result and index, and rename the file to its final name; later calls have no effect.
 
         Args:
-            result: the record `moflock.result`, the final figures.
+            result: final figures, the record `moflock.result`.
 
         Raises:
             LogError: the log could not be written.
@@ -116,7 +116,7 @@ class FlightLog:
         self._closed = True
 
     def abort(self) -> None:
-        """Stop writing and remove the unfinished file; does nothing after `finish`."""
+        """Stop writing and remove the unfinished file; no effect after `finish`."""
         if self._closed:
             return
         if self._thread.is_alive():
@@ -148,14 +148,14 @@ class FlightLog:
             raise _log_error(self.path, self._failure) from self._failure
 
     def _remove(self) -> None:
-        # Closing tries once more to write what a full disk has refused.
+        # Closing retries a failed write, which fails again on a full disk.
         with contextlib.suppress(OSError):
             self._stream.close()
         with contextlib.suppress(OSError):
             self._part.unlink()
 
     def _run(self) -> None:
-        """The writer thread; after a failure it goes on taking items, so that the flight never waits in vain."""
+        """Run the writer thread; after a failure it still consumes items, so that the flight does not block."""
         while True:
             item = self._queue.get()
             if self._failure is None:
@@ -189,11 +189,11 @@ class _Finish(NamedTuple):
 
 
 def _open(path: Path, part: Path) -> IO[bytes]:
-    """Open the unfinished file for this process alone; one that a dead process left is overwritten."""
+    """Open the unfinished file with an exclusive lock; overwrite a file left by a dead process."""
     make_folder(path)
     descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
-        # Emptied only once it is ours.
+        # Truncate only after the lock is held.
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.ftruncate(descriptor, 0)
     except BaseException:
@@ -203,7 +203,7 @@ def _open(path: Path, part: Path) -> IO[bytes]:
 
 
 def _log_error(path: Path, failure: Exception) -> LogError:
-    """One line that names the file and what is wrong with it."""
+    """Convert a failure to a one-line error with the path and the reason."""
     match failure:
         case BlockingIOError():
             reason = "another flight is writing it"

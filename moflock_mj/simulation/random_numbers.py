@@ -40,7 +40,7 @@ class RandomBatch(NamedTuple):
 
 
 def draw(
-    streams: RandomStreams, scenario: Scenario, dynamics: str, *, ticks: int, intervals: int, steps: int
+    streams: RandomStreams, scenario: Scenario, dynamics: str, *, fixes: int, intervals: int, steps: int
 ) -> RandomBatch:
     """Draw the random numbers of consecutive intervals, independent of the division of a flight into calls.
 
@@ -48,7 +48,7 @@ def draw(
         streams: generators of the flight.
         scenario: scenario, which determines the kinds of random numbers.
         dynamics: "rigid_body" or "point_mass"; point masses have no inertial sensors.
-        ticks: number of GPS fixes.
+        fixes: number of GPS fixes.
         intervals: number of control intervals.
         steps: number of integration steps in all intervals.
     """
@@ -57,10 +57,10 @@ def draw(
     lossy = drones if scenario.packet_loss_ratio > 0 else 0
     burst = drones if any(fault.kind == "link_loss" for fault in scenario.faults) else 0
     return RandomBatch(
-        gps=streams.sensing.standard_normal((ticks, 2, 2, drones)),
-        loss=streams.communication.random((ticks, lossy, lossy)),
-        fault_loss=streams.faults.random((ticks, burst, burst)),
-        fix=streams.fix.standard_normal((ticks if imu else 0, 2, drones)),
+        gps=streams.sensing.standard_normal((fixes, 2, 2, drones)),
+        loss=streams.communication.random((fixes, lossy, lossy)),
+        fault_loss=streams.faults.random((fixes, burst, burst)),
+        fix=streams.fix.standard_normal((fixes if imu else 0, 2, drones)),
         outer=streams.disturbance.standard_normal((steps if scenario.wind is None else 0, 2, drones)),
         gust=streams.wind.standard_normal((intervals if scenario.wind else 0, GUST_DRAWS, drones)),
         inertial=streams.inertial.random((steps if imu else 0, 6, drones), np.float32),

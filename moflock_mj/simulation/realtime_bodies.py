@@ -146,7 +146,7 @@ class RealtimeBodies:
     def _advance_interval(self, steps: int) -> None:
         self._steps_to_fix -= steps
         fix_due = self._steps_to_fix <= 0
-        draws = draw(self._streams, self._scenario, "rigid_body", ticks=int(fix_due), intervals=1, steps=steps)
+        draws = draw(self._streams, self._scenario, "rigid_body", fixes=int(fix_due), intervals=1, steps=steps)
         height = self.qpos[:, 2] - self.ground
         draws.outer[:] *= np.clip(height / _FULL_DISTURBANCE_HEIGHT, 0.0, 1.0)
         on_ground = height < _FLYING_HEIGHT

@@ -132,9 +132,9 @@ class Simulation:
     def _draw(self, intervals: int) -> RandomBatch:
         """Draw the random numbers of the next intervals."""
         schedule = self.components.schedule
-        ticks = -(-(self.interval + intervals) // schedule.sense_every) - -(-self.interval // schedule.sense_every)
+        fixes = -(-(self.interval + intervals) // schedule.sense_every) - -(-self.interval // schedule.sense_every)
         steps = intervals * schedule.steps_per_interval
-        return draw(self.streams, self.scenario, self.dynamics, ticks=ticks, intervals=intervals, steps=steps)
+        return draw(self.streams, self.scenario, self.dynamics, fixes=fixes, intervals=intervals, steps=steps)
 
     def set_parameters(self, params: NamedTuple) -> None:
         """Change the parameters, within the same policy, from the next fix on.

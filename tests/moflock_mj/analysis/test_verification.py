@@ -238,6 +238,6 @@ def test_states_that_do_not_belong_are_refused(quick, tmp_path):
 def test_a_flight_at_its_end_needs_a_duration(tmp_path):
     path = tmp_path / "a.mcap"
     fly(A, scenario=SCENARIO.replace(duration=10.0), dynamics="point_mass", log=path)
-    with pytest.raises(LogError, match="ends at 10 s; flying on needs a duration"):
+    with pytest.raises(LogError, match="ends at 10 s; a longer flight needs a duration"):
         resume(read_log(path), 10.0)
     assert resume(read_log(path), 10.0, duration=5.0).flown == 15.0

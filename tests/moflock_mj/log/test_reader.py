@@ -120,7 +120,7 @@ def test_files_that_are_no_logs_are_refused(tmp_path):
     for content, words in ((b"", "is empty"), (b"hello world" * 9, "is not an MCAP file")):
         (tmp_path / "a.mcap").write_bytes(content)
         refuse(tmp_path / "a.mcap", words)
-    refuse(foreign(tmp_path / "b.mcap"), "is no log of a flight")
+    refuse(foreign(tmp_path / "b.mcap"), "is not a log of a flight")
 
 
 def test_what_is_unfinished_or_damaged_suggests_recovery(good, tmp_path):
@@ -168,7 +168,7 @@ def test_a_run_that_cannot_be_is_refused(good, tmp_path, changes, words):
         (lambda t, w, d: (t, w, b"\xff" * len(d)), "not laid out"),
         (lambda t, _, d: (t, 0, d), "times"),
         (lambda t, w, d: (t, w + (1 << 60), d), "out of bounds"),
-        (lambda *_: None, "holds no samples"),
+        (lambda *_: None, "contains no samples"),
     ],
 )
 def test_messages_of_another_layout_are_refused(good, tmp_path, spoil, words):
@@ -179,7 +179,7 @@ def test_messages_of_another_layout_are_refused(good, tmp_path, spoil, words):
 
 
 def test_events_and_states_that_are_none_are_refused(good, tmp_path):
-    for topic, words in (("/log", "no event of a flight"), ("/sim/state", "no state of a flight")):
+    for topic, words in (("/log", "not an event of a flight"), ("/sim/state", "not a state of a flight")):
 
         def change(old, when, data, topic=topic):
             return (topic, when, b"\xff\xff") if old == "/scene" else (old, when, data)
@@ -192,7 +192,7 @@ def test_a_status_without_a_meaning_is_refused(good, tmp_path):
         blue = bytes([66, 165, 245, 255])
         return (topic, when, data.replace(blue + b"\0", blue + b"\x08"))
 
-    refuse(rebuild(good, tmp_path / "a.mcap", change=change), "a status is none")
+    refuse(rebuild(good, tmp_path / "a.mcap", change=change), "a status is invalid")
 
 
 def test_a_small_file_does_not_unpack_to_a_huge_one(tmp_path):

@@ -84,7 +84,7 @@ def test_random_points_give_objectives_for_a_search_of_the_same_scenario_only(tm
     went = ("optimize", "--objectives", file, "--budget", 8, "--population", 8, "--front-seeds", 0, "--workers", 1)
     assert json_of(*went, *TINY, "--out", tmp_path / "run")["objectives"] == list(found["objectives"])
     line = refused(*went, "--drones", 5, "--duration", 4, "--out", tmp_path / "other")
-    assert "drones is 4 there and must be 5" in line
+    assert "drones is 4 there: it must be 5" in line
     assert not (tmp_path / "other").exists()
 
 
