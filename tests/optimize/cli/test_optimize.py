@@ -150,7 +150,7 @@ def test_random_points_give_objectives_for_a_search_of_the_same_scenario_only(tm
     went = ("optimize", "--objectives", file, "--budget", 8, "--population", 8, "--front-seeds", 0, "--workers", 1)
     assert told(*went, *TINY, "--out", tmp_path / "run")["objectives"] == list(found["objectives"])
     line = refused(*went, "--drones", 5, "--duration", 4, "--out", tmp_path / "other")
-    assert "drones is 4 there and must be 5" in line
+    assert "drones is 4 there: it must be 5" in line
     assert not (tmp_path / "other").exists()
 
 
@@ -171,11 +171,11 @@ def test_flocks_around_a_target(tmp_path):
         (("optimize", "--seeds", "1000", "--budget", "100"), "budget: 100 flights"),
         (("optimize", "--unbounded"), "unbounded: only cmaes"),
         (("optimize", "--screen"), "screen: it is for the dynamics rigid_body"),
-        (("optimize", "--screen", "--dynamics", "rigid_body", "--algorithm", "cmaes"), "screen: only nsga2"),
+        (("optimize", "--screen", "--dynamics", "rigid_body", "--algorithm", "cmaes"), "screen: it requires nsga2"),
         (("optimize", "--start-from", "C"), "point C: unknown"),
         (("optimize", "--start-from", "{tmp}"), "configuration.json"),
         (("optimize", "--start-from", "model_optimum"), "start: r0_shill: 0.5 is out of bounds"),
-        (("optimize", "--start-from", "A", "--algorithm", "cmaes"), "start: only nsga2 and unsga3"),
+        (("optimize", "--start-from", "A", "--algorithm", "cmaes"), "start: it requires nsga2 or unsga3"),
         (("optimize", "--start-from", "A", "--start-from", "A"), "point A: it is given twice"),
         (("optimize", "--start-from", "A", "--resume", "{run}"), "its own start_from"),
         (("optimize", "--bounds", "{tmp}/none.toml"), "none.toml"),

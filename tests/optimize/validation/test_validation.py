@@ -147,12 +147,12 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("validate",), "points: there is none"),
+        (("validate",), "points: there are none"),
         (("validate", "C"), "point C: unknown; it must be one of"),
         (("validate", "A", "A"), "point A: it is given twice"),
         (("validate", "A", "--seeds", 2, "--fault-seeds", 3), "fault_seeds: 3 is out of bounds"),
         (("validate", "{tmp}/none.json"), "none.json"),
-        (("validate", "{tmp}/none"), "a search's directory"),
+        (("validate", "{tmp}/none"), "a search directory"),
         (("validate", "{tmp}"), "configuration.json"),
         (("validate", "A", "--seeds", "0"), "seeds: 0 is out of bounds: it must be at least 2"),
         (("validate", "A", "--seeds", "1"), "seeds: 1 is out of bounds: it must be at least 2"),
