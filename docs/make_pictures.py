@@ -25,10 +25,10 @@ CHROMIUM_FLAGS = (
 
 
 POINT = "A"
-"""Named here, so that the pictures stay the same whatever flies by default."""
+"""Point of the pictures, fixed here so that a new default point does not change them."""
 
 MOMENT = 40.0
-"""s, of the flight that video and page show."""
+"""Time of the flight that the video and the page show, s."""
 
 ANIMATED = Scenario(drones=30, arena_side=250.0, duration=90.0, warm_up=20.0)
 """Scenario of the animated picture, flown with the default parameters."""
@@ -42,7 +42,7 @@ ANIMATION_SIZE = 640, 360
 ANIMATION_FPS = 12
 
 WITHOUT_NOTICES = "<style>.mantine-Notifications-root{display:none}</style></head>"
-"""The browser here renders without a graphics card, of which the page would tell."""
+"""Style that hides the page's notice that the browser renders without a graphics card."""
 
 
 def frame_of(video: Path, seconds: float, out: Path) -> None:
@@ -55,7 +55,7 @@ def frame_of(video: Path, seconds: float, out: Path) -> None:
 
 
 def screenshot(page: Path, out: Path, profile: Path) -> None:
-    """Save what a browser shows of a page, six seconds after it began to play, as PNG."""
+    """Save a PNG screenshot of a page six seconds after the start of its playback."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         sys.exit("pictures: no Chromium; apt-get install chromium")
@@ -66,7 +66,7 @@ def screenshot(page: Path, out: Path, profile: Path) -> None:
 
 
 def shrink(picture: Path) -> None:
-    """Save a PNG again at three fifths of its size."""
+    """Scale a PNG to three fifths of its size."""
     with Image.open(picture) as image:
         smaller = image.convert("RGB").resize((image.width * 3 // 5, image.height * 3 // 5), Image.Resampling.LANCZOS)
     smaller.save(picture, optimize=True)
@@ -99,7 +99,7 @@ def main() -> None:
         shrink(PICTURES / "picture.png")
         render_video([flight], video, fps=2, speed=4.0)
         frame_of(video, MOMENT / 4.0, PICTURES / "video.png")
-        # A page plays from its beginning, where the drones have no trails yet.
+        # The page plays its log from the start, so the flight is resumed at the moment to show.
         resume(flight, MOMENT, log=later, keep_samples=False)
         write_page(read_log(later), page)
         screenshot(page, PICTURES / "page.png", Path(folder) / "profile")

@@ -1,4 +1,4 @@
-"""Timings, on one core: `make bench`. They are printed, never asserted."""
+"""Timings on one core: `make bench`. They are printed, not asserted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ POINT = load_point("model_optimum")
 
 
 def best_of(repeats: int, action: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Shortest time of some repetitions, s; a first one, which compiles, does not count."""
+    """Shortest time of several repetitions, s, after one warm-up, which compiles."""
     action()
     times = []
     for _ in range(repeats):
@@ -44,7 +44,7 @@ def point_mass_flights() -> None:
 
 
 def bare_step(simulation: Simulation, snapshot: bytes, steps: int) -> float:
-    """Seconds of one bare mj_step from a state of the flight: hover thrust, no torque, nothing else done."""
+    """Duration of one call of mj_step alone from a state of the flight, s, with hover thrust and no torque."""
     body = simulation.body
     assert body is not None
     force = body.dynamics.state.qfrc_applied
@@ -66,7 +66,7 @@ def bare_step(simulation: Simulation, snapshot: bytes, steps: int) -> float:
 def flown(
     scenario: Scenario, snapshots: list[bytes] | None = None, clock: Callable[[], float] = time.perf_counter
 ) -> float:
-    """Seconds of a rigid-body flight without building it; keeps its state at every tenth of it."""
+    """Duration of a rigid-body flight without its construction, s; `snapshots` receives its state at every tenth."""
     simulation = Simulation(POINT, scenario, "rigid_body", 1)
     seconds = 0.0
     while not simulation.finished:
@@ -89,9 +89,9 @@ def rigid_body_flights() -> None:
     steps = scenario.duration / start.step
     bare = float(np.mean([bare_step(start, snapshot, 200) for snapshot in snapshots]))
     row("rigid body, 30 drones, 600 s, step 0.005 s", seconds, "s", f"{scenario.duration / seconds:.0f}x real time")
-    row("  bare mj_step from ten states of the flight, as many calls", bare * steps, "s")
-    row("  flight over bare mj_step", seconds / bare / steps, "", "at most 1.25; first draft 1.5")
-    row("  the same, bare mj_step of bodies at rest far apart", seconds / at_rest / steps, "")
+    row("  mj_step alone, same number of calls, in-flight states", bare * steps, "s")
+    row("  flight / mj_step alone, in-flight states", seconds / bare / steps, "", "at most 1.25; first draft 1.5")
+    row("  flight / mj_step alone, bodies at rest far apart", seconds / at_rest / steps, "")
 
 
 def scaling() -> None:
@@ -103,11 +103,11 @@ def scaling() -> None:
         per_drone[drones] = min(flown(scenario) for _ in range(3)) / (duration / 0.005) / drones * 1e6
         ratio = per_drone[drones] / per_drone[30] if drones >= 30 else float("nan")
         row(f"rigid body, step of one of {drones} drones", per_drone[drones], "us", f"{ratio:.2f} times that of 30")
-    print("  (300 at most 1.6 times 30)")
+    print("  (limit: 300 at most 1.6 times 30)")
 
 
 def air_share() -> None:
-    """Everything that air and wear do, against none of it: CPU time, flown in turns."""
+    """CPU time with aerodynamic effects, battery and IMU, compared with none of them, in alternating flights."""
     scenario = Scenario(duration=200.0)
     sections = {name: kind() for name, kind in Scenario.sections().items()}
     sections["wind"] = effect_configs.WindConfig(speed=8.0, turbulence="light")
@@ -119,7 +119,7 @@ def air_share() -> None:
     for _ in range(5):
         for name, each in flights.items():
             seconds[name] = min(seconds[name], flown(each, clock=time.thread_time))
-    row("rigid body, 30 drones, 200 s, air and wear off, CPU", seconds["none"], "s")
+    row("rigid body, 30 drones, 200 s, all effects off, CPU", seconds["none"], "s")
     for name in flights:
         limit = "at most 0.3" if name == "all" else ""
         row(f"  share of {name}", seconds[name] / seconds["none"] - 1, "", limit)
@@ -137,7 +137,7 @@ def log_share() -> None:
         with_log = best_of(3, logged, time.process_time)
         row("rigid body, 30 drones, 600 s, without a log, CPU", without, "s")
         row("  with a log, CPU", with_log, "s", f"{log.stat().st_size / 1e6:.1f} MB")
-        row("  the log's share", (with_log - without) / without, "", "at most 0.1")
+        row("  relative cost of the log", (with_log - without) / without, "", "at most 0.1")
 
 
 def start_up() -> None:
@@ -146,13 +146,13 @@ def start_up() -> None:
 
     row("moflock --help", best_of(5, lambda: command("--help")), "s", "under 0.5")
     seconds = best_of(3, lambda: command("fly", "--duration", "1", "--log", "none"))
-    row("a second moflock fly --duration 1", seconds, "s", "under 3")
+    row("moflock fly --duration 1, from the cache", seconds, "s", "under 3")
 
 
 def main() -> None:
     with contextlib.suppress(AttributeError, OSError):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    print(f"MuJoCo {mujoco.__version__}, NumPy {np.__version__}; one core; shortest of some runs\n")
+    print(f"MuJoCo {mujoco.__version__}, NumPy {np.__version__}; one core; shortest of several runs\n")
     for group in (point_mass_flights, rigid_body_flights, scaling, air_share, log_share, start_up):
         group()
 

@@ -1,7 +1,7 @@
-"""Deployments on loopback, beside the same scenario simulated: `python -m tests.benchmarks.deploy`.
+"""Deployments on the loopback interface, compared with simulations: `python -m tests.benchmarks.deploy`.
 
-Printed, never asserted: 10 vehicles for 120 s (99th percentiles: jitter of setpoints under 10 ms, telemetry to setpoint
-under 50 ms), and 30 for 60 s (CPU under one core).
+The results are printed, not asserted. Targets for 10 vehicles, 120 s: jitter of setpoints below 10 ms and delay from
+telemetry to setpoint below 50 ms (99th percentiles). Target for 30 vehicles, 60 s: less than one core.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ RUNS = ((10, 250.0, 120.0, "px4"), (10, 250.0, 120.0, "ardupilot"), (30, 400.0, 
 
 
 def rehearse(scenario: Scenario, autopilot: str, folder: Path) -> tuple[dict[str, object], float]:
-    """Deploy against a fleet; returns the deployment's JSON and its CPU seconds."""
+    """Deploy with a fleet; return the JSON of the deployment and its CPU time, s."""
     (folder / "scenario.toml").write_text(scenario.to_toml())
     drones = scenario.drones
     fleet = subprocess.Popen(
@@ -61,14 +61,14 @@ def main() -> None:
         scenario = Scenario(drones=drones, arena_side=side, duration=duration, warm_up=20.0, altitude=10.0, t_del=0.0)
         flown = np.array([fly(point, scenario=scenario, seed=seed).order_parameters for seed in SEEDS])
         with tempfile.TemporaryDirectory() as folder:
-            told, cpu = rehearse(scenario, autopilot, Path(folder))
-        seconds = max(event["time"] for event in told["events"])  # type: ignore[attr-defined]
+            report, cpu = rehearse(scenario, autopilot, Path(folder))
+        seconds = max(event["time"] for event in report["events"])  # type: ignore[attr-defined]
         load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
         print(f"{drones} vehicles as {autopilot}, {duration:g} s; {load}")
-        print(f"  {told['latency']}")
+        print(f"  {report['latency']}")
         share = f"CPU {cpu / seconds:.0%} of a core, start included"
-        print(f"  {share}; nearest {told['separation_min']:.1f} m; error: {told['error']}")
-        for place, (name, value) in enumerate(told["order_parameters"].items()):  # type: ignore[attr-defined]
+        print(f"  {share}; nearest {report['separation_min']:.1f} m; error: {report['error']}")
+        for place, (name, value) in enumerate(report["order_parameters"].items()):  # type: ignore[attr-defined]
             low, high = flown[:, place].min(), flown[:, place].max()
             print(f"  phi_{name:8} {value:8.4f}   fly, {len(SEEDS)} seeds: {low:8.4f} to {high:8.4f}", flush=True)
 

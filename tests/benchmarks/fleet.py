@@ -1,4 +1,4 @@
-"""CPU of a fleet of 30 in real time with its commander: `python -m tests.benchmarks.fleet`. Printed, never asserted."""
+"""CPU time of a fleet of 30 and its ground station in real time: `python -m tests.benchmarks.fleet`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ BASE_PORT = 15600
 SECONDS = 30.0
 OFFBOARD = 6 << 16
 CLIMB = 4.0
-"""s of setpoints upwards, before those sideways."""
+"""Duration of upward setpoints before those to the north, s."""
 
 
 async def command(key: SigningKey | None, counted: dict[str, int]) -> None:
-    """Arm all by OFFBOARD, and stream setpoints at 20 Hz and heartbeats at 1 Hz to each."""
+    """Switch all vehicles to OFFBOARD, arm them, and send setpoints at 20 Hz and heartbeats at 1 Hz."""
 
     def note(message: object, _: object) -> None:
         kind = message.get_type()  # type: ignore[attr-defined]
@@ -32,26 +32,26 @@ async def command(key: SigningKey | None, counted: dict[str, int]) -> None:
     await endpoint.open()
     peers = [endpoint.peer(("127.0.0.1", BASE_PORT + number)) for number in range(VEHICLES)]
     loop = asyncio.get_running_loop()
-    began, tick = loop.time(), 0
+    began, step = loop.time(), 0
     while True:
         for system, peer in enumerate(peers, 1):
-            if tick % 20 == 0:
+            if step % 20 == 0:
                 endpoint.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3), peer)
-            down, north = (-1.0, 0.0) if tick < 20 * CLIMB else (0.0, 2.0)
+            down, north = (-1.0, 0.0) if step < 20 * CLIMB else (0.0, 2.0)
             endpoint.send(
                 mavlink.MAVLink_set_position_target_local_ned_message(
                     0, system, 1, 1, 0xDC7, 0, 0, 0, north, 0, down, 0, 0, 0, 0, 0
                 ),
                 peer,
             )
-            if tick in (10, 20):
+            if step in (10, 20):
                 endpoint.send(mavlink.MAVLink_command_long_message(system, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0), peer)
                 endpoint.send(mavlink.MAVLink_command_long_message(system, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0), peer)
-        tick += 1
-        await asyncio.sleep(max(began + tick * 0.05 - loop.time(), 0))
+        step += 1
+        await asyncio.sleep(max(began + step * 0.05 - loop.time(), 0))
 
 
-def commander(signed: bool) -> None:
+def ground_station(signed: bool) -> None:
     key = SigningKey(bytes(range(32))) if signed else None
     counted: dict[str, int] = {}
 
@@ -61,12 +61,13 @@ def commander(signed: bool) -> None:
     try:
         asyncio.run(stream())
     except TimeoutError:
-        heard = sum(counted.values()) / (SECONDS - 1)
-        print(f"  commander: {time.process_time() / SECONDS:.0%} of a core, {heard:.0f} packets/s heard", flush=True)
+        received = sum(counted.values()) / (SECONDS - 1)
+        share = time.process_time() / SECONDS
+        print(f"  ground station: {share:.0%} of a core, {received:.0f} packets/s received", flush=True)
 
 
 async def rehearse(fleet: Fleet) -> tuple[float, float]:
-    """CPU and wall seconds of a flight."""
+    """CPU time and wall time of a flight, s."""
     await fleet.open()
     cpu, wall = time.process_time(), time.perf_counter()
     try:
@@ -81,7 +82,7 @@ def main() -> None:
         key = SigningKey(bytes(range(32))) if signed else None
         plan = FleetPlan(vehicles=VEHICLES, autopilot="px4", base_port=BASE_PORT, boot=0.0)
         fleet = Fleet(plan, key)
-        other = multiprocessing.get_context("spawn").Process(target=commander, args=(signed,))
+        other = multiprocessing.get_context("spawn").Process(target=ground_station, args=(signed,))
         other.start()
         cpu, wall = asyncio.run(rehearse(fleet))
         state = fleet.state()

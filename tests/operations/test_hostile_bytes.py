@@ -114,14 +114,14 @@ def test_extreme_parameters_do_not_crash_a_flying_vehicle(autopilot, value):
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(command=st.integers(0, 65535), params=st.lists(number, min_size=7, max_size=7), target=st.integers(0, 255))
 def test_any_command_is_answered_once_if_it_is_ours(station, command, params, target):
-    station.heard.clear()
+    station.received.clear()
     state = changeable_state(station.vehicle)
     station.send(mavlink.MAVLink_command_long_message(target, 1, command, 0, *params))
     if target in (0, 1):
-        assert len(station.heard["COMMAND_ACK"]) == 1
+        assert len(station.received["COMMAND_ACK"]) == 1
         station.wait(0.04)
     else:
-        assert not station.heard
+        assert not station.received
         assert changeable_state(station.vehicle) == state
 
 

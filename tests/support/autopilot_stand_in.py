@@ -1,8 +1,7 @@
-"""A slow autopilot in plain Python that speaks both interfaces and hovers an x500.
+"""Stand-in for an autopilot in plain Python, for both simulator interfaces; it hovers an x500.
 
-`python stand_in.py KIND PORT HEIGHT` runs it as a program.
-
-It flies by the document of each interface, and shares no code with the physics' side but pymavlink.
+`python autopilot_stand_in.py KIND PORT HEIGHT` runs it as a program. It implements the documentation of each interface
+and shares no code with the simulator's side except pymavlink.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ import pymavlink.dialects.v20.ardupilotmega as mavlink
 
 G = 9.81
 HOVER = 2.0 * G / 4 / 8.829
-"""Share of a rotor's thrust that carries the x500."""
+"""Share of a rotor's maximum thrust at which the x500 hovers."""
 
 
 def outputs_for(position, velocity, attitude, gyro, target):
-    """Thrust shares of motors 1 to 4 of a quad X that bring a body from NED position to `target`, heading east."""
+    """Thrust shares of motors 1 to 4 of a quad X that move it from a NED position to `target`, heading east."""
     w, x, y, z = attitude
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
@@ -48,7 +47,7 @@ def outputs_for(position, velocity, attitude, gyro, target):
 
 
 class ArduPilotStandIn:
-    """Speaks the JSON interface. Each exchange is `send`, then `hear`."""
+    """Autopilot side of ArduPilot's JSON interface. Each exchange is `send`, then `receive`."""
 
     magic, layout = 18458, struct.Struct("<HHI16H")
 
@@ -61,7 +60,7 @@ class ArduPilotStandIn:
     def send(self):
         self.socket.send(self.layout.pack(self.magic, 1200, self.frame, *self.pwm, *[0] * 12))
 
-    def hear(self):
+    def receive(self):
         line = self.socket.recv(4096)
         assert line[:1] == line[-1:] == b"\n"
         self.state = state = json.loads(line)
@@ -70,16 +69,16 @@ class ArduPilotStandIn:
         self.place = self.place or position
         target = (self.place[0], self.place[1], -self.height)
         shares = outputs_for(position, state["velocity"], state["quaternion"], state["imu"]["gyro"], target)
-        # MOT_THST_EXPO of 0.65, the other way round.
+        # Inverse of the thrust curve with MOT_THST_EXPO 0.65.
         e = 0.65
         self.pwm = [round(1000 + 500 * (math.sqrt((1 - e) ** 2 + 4 * e * share) - (1 - e)) / e) for share in shares]
 
 
 class Px4StandIn:
-    """Speaks the simulator interface. Each exchange is `send`, then `hear`.
+    """Autopilot side of PX4's simulator interface. Each exchange is `send`, then `receive`.
 
-    Its attitude is the integral of its gyroscope, its position and velocity those of its GPS, carried on by what its
-    accelerometer says.
+    The attitude is the integral of the gyroscope. Position and velocity are those of the GPS, extrapolated with the
+    accelerometer.
     """
 
     def __init__(self, port, height):
@@ -96,7 +95,7 @@ class Px4StandIn:
             answer = mavlink.MAVLink_hil_actuator_controls_message(self.time, controls, 129, 1)
             self.socket.sendall(answer.pack(self.packer))
 
-    def hear(self):
+    def receive(self):
         messages = []
         while not any(message.get_type() == "HIL_SENSOR" for message in messages):
             chunk = self.socket.recv(4096)
@@ -146,7 +145,7 @@ STAND_INS = {"ardupilot": ArduPilotStandIn, "px4": Px4StandIn}
 
 
 def main(kind, port, height, *_):
-    """Fly until killed; the physics may come later."""
+    """Fly until killed; retry until the simulator is available."""
     print("stand-in of", kind, "at", port, flush=True)
     pilot, exchanges = None, 0
     while True:

@@ -1,4 +1,4 @@
-"""Stages of the flight as functions that tests can call."""
+"""Compiled stages of a flight that tests can call."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numba
 
 @functools.cache
 def compiled(stage, arguments):
-    """A stage with so many arguments, compiled; numba chooses the implementation by the type of the first."""
+    """Compile a stage with a number of arguments; numba selects the implementation by the type of the first."""
     names = ", ".join(f"a{k}" for k in range(arguments))
     scope = {"stage": stage}
     exec(f"def call({names}):\n    return stage({names})", scope)

@@ -1,4 +1,4 @@
-"""A ground station that flies one real ArduCopter over its TCP port, for tests that have one."""
+"""Ground station for one real ArduCopter on its TCP port, for tests that have one."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _STREAMS = {
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 10,
 }
-"""Hz, by message."""
+"""Rates of the requested messages, Hz."""
 
 
 class CopterPilot:
-    """Speaks with the autopilot of a system id at a TCP port of this machine.
+    """Ground station for the autopilot with a system id at a TCP port of this machine.
 
     Attributes:
-        last: the latest message of each type.
-        texts: what it has said.
+        last: latest message of each type.
+        texts: status texts so far.
     """
 
     def __init__(self, port: int, system: int):
@@ -41,7 +41,7 @@ class CopterPilot:
         self.packer = mavlink.MAVLink(None, srcSystem=GROUND_SYSTEM, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
         self.decoder = mavlink.MAVLink(None)
         self.decoder.robust_parsing = True
-        self._beat = 0.0
+        self._last_heartbeat = 0.0
 
     def close(self):
         self.socket.close()
@@ -51,12 +51,12 @@ class CopterPilot:
         self.packer.seq = (self.packer.seq + 1) % 256
 
     def pump(self, seconds: float, setpoint=None):
-        """Listen for some seconds, with heartbeats; returns the positions heard. `setpoint` is sent at 20 Hz."""
-        heard, end, due = [], time.monotonic() + seconds, 0.0
+        """Receive for some seconds, sending heartbeats and `setpoint` at 20 Hz; return the received positions."""
+        positions, end, due = [], time.monotonic() + seconds, 0.0
         while time.monotonic() < end:
             now = time.monotonic()
-            if now - self._beat > 1.0:
-                self._beat = now
+            if now - self._last_heartbeat > 1.0:
+                self._last_heartbeat = now
                 self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
             if setpoint is not None and now >= due:
                 due = now + 0.05
@@ -71,8 +71,8 @@ class CopterPilot:
                 if kind == "STATUSTEXT":
                     self.texts.append(message.text)
                 elif kind == "LOCAL_POSITION_NED":
-                    heard.append(message)
-        return heard
+                    positions.append(message)
+        return positions
 
     def until(self, condition, seconds: float, what: str):
         deadline = time.monotonic() + seconds
@@ -81,7 +81,7 @@ class CopterPilot:
             self.pump(0.2)
 
     def command(self, number: int, *params: float) -> bool:
-        """Send a command; returns whether it was accepted."""
+        """Send a command and return whether it was accepted."""
         self.last.pop("COMMAND_ACK", None)
         self.send(mavlink.MAVLink_command_long_message(self.system, 1, number, 0, *params, *[0.0] * (7 - len(params))))
         deadline = time.monotonic() + 3.0
@@ -93,7 +93,7 @@ class CopterPilot:
         return False
 
     def wait_until_ready(self):
-        """Until it has a position and its own checks pass."""
+        """Wait until the vehicle has a position and its pre-arm checks pass."""
         self.until(lambda: "HEARTBEAT" in self.last, 60.0, "no heartbeat")
         for message, rate in _STREAMS.items():
             assert self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, 1e6 / rate)
@@ -114,7 +114,7 @@ class CopterPilot:
         return -self.last["LOCAL_POSITION_NED"].z
 
     def fly_velocity(self, north: float, east: float, seconds: float):
-        """Stream a velocity setpoint; returns the positions heard."""
+        """Stream a velocity setpoint and return the received positions."""
         setpoint = mavlink.MAVLink_set_position_target_local_ned_message(
             0, self.system, 1, mavlink.MAV_FRAME_LOCAL_NED, 0xDC7, 0, 0, 0, north, east, 0, 0, 0, 0, 0, 0
         )

@@ -1,4 +1,4 @@
-"""Hostile bytes for an endpoint; `python -m tests.support.fuzzing 10000000` throws so many at each."""
+"""Fuzzing of an endpoint: `python -m tests.support.fuzzing 10000000` sends as many bytes to each autopilot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FLOATS, _TEXTS = ("float", "double"), ("char",)
 
 
 def corpus(target, value=0.0):
-    """One message of each kind of the dialect: floats are `value`, targets `target`, the rest 0 or 1."""
+    """One message of each type of the dialect; floats are `value`, targets `target`, other fields 0 or 1."""
     messages = []
     for kind in mavlink.mavlink_map.values():
         arguments = []
@@ -39,8 +39,8 @@ def corpus(target, value=0.0):
         message = kind(*arguments)
         try:
             message.pack(mavlink.MAVLink(None))
-        except Exception as problem:  # a message that the library itself cannot pack is no test of ours
-            raise AssertionError(kind.msgname) from problem
+        except Exception as error:  # an error of the library or of this corpus, not of the endpoint
+            raise AssertionError(kind.msgname) from error
         messages.append(message)
     return messages
 
@@ -65,7 +65,7 @@ def changeable_state(vehicle):
 
 
 def _target_offsets(kind):
-    """Where a message's payload has its targets, bytes."""
+    """Offsets of the targets in a message's payload, bytes."""
     types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
     at, offsets = 0, []
     for name, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
@@ -77,7 +77,7 @@ def _target_offsets(kind):
 
 
 class Fuzzer:
-    """Throws bytes at an endpoint, the same for the same seed."""
+    """Generator of hostile bytes for an endpoint, deterministic in its seed."""
 
     def __init__(self, endpoint, seed):
         self.endpoint = endpoint
@@ -87,7 +87,7 @@ class Fuzzer:
         self.packets = [sender.pack(message, peer) for message in corpus(target=1)]
 
     def random_bytes(self, count):
-        """Datagrams of random bytes; half of them begin like a packet."""
+        """Send datagrams of random bytes; half of them begin like a packet."""
         while count > 0:
             data = bytearray(self.rng.randbytes(self.rng.randint(1, 267)))
             if self.rng.random() < 0.5:
@@ -98,7 +98,7 @@ class Fuzzer:
             count -= len(data)
 
     def mutated_bytes(self, count):
-        """Valid packets with bytes changed, cut, doubled or joined; never one that is still whole."""
+        """Send corrupted packets: bytes changed, truncated, flipped or inserted; never an intact packet."""
         while count > 0:
             packet = self.rng.choice(self.packets)
             data, kind = bytearray(packet), self.rng.randrange(4)
@@ -117,7 +117,7 @@ class Fuzzer:
                 count -= len(data)
 
     def valid_packets(self, count):
-        """So many packets of any kind, of random bytes and any length, but with a right checksum; some are for us."""
+        """Send packets of random type, content and length with correct checksums; some are for this vehicle."""
         kinds = list(mavlink.mavlink_map.values())
         for number in range(count):
             kind, payload = self.rng.choice(kinds), bytearray(self.rng.randbytes(self.rng.randint(1, 255)))

@@ -1,4 +1,4 @@
-"""One flight by MAVSDK, in a process of its own: `python mavsdk_flight.py URL`; prints what it saw as JSON."""
+"""Flight with MAVSDK in its own process: `python mavsdk_flight.py URL`; prints the observed values as JSON."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ ALTITUDE = 3.0
 
 
 async def fly(url):
-    """Connect, wait for health, arm, take off, fly by velocity, land."""
+    """Connect, wait for health, arm, take off, fly with velocity setpoints, and land; return the observed values."""
     seen = {}
     async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
         await mavsdk.add_any_connection(url)
         system = await mavsdk.first_autopilot(timeout_s=20)
         seen["autopilot"] = (await system.autopilot_type()).name
         telemetry, action, offboard = TelemetryAsync(system), ActionAsync(system), OffboardAsync(system)
-        # Real ArduPilot sends nothing of this unasked; to PX4 it makes no difference.
-        for ask in ("health", "position", "velocity_ned", "landed_state", "battery", "gps_info"):
-            await getattr(telemetry, f"set_rate_{ask}")(10.0)
+        # ArduPilot sends none of these without a request; PX4 is not affected.
+        for stream in ("health", "position", "velocity_ned", "landed_state", "battery", "gps_info"):
+            await getattr(telemetry, f"set_rate_{stream}")(10.0)
         async for health in telemetry.subscribe_health():
             if health.is_armable and health.is_global_position_ok and health.is_home_position_ok:
                 break

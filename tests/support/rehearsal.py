@@ -1,4 +1,4 @@
-"""Whole deployments against a fleet, in simulated time and without sockets: a minute of flight in a few seconds."""
+"""Complete deployments with a fleet, in simulated time and without sockets: a minute of flight takes a few seconds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.support.simulated_time import Wires, connections_to, flying
 SCENARIO = Scenario(
     drones=5, arena_side=200.0, duration=30.0, altitude=10.0, t_del=0.2, sigma_outer=0.0, sigma_inner=0.0
 )
-"""Small and calm; the arena is the fence."""
+"""Small scenario without disturbances; the arena is the fence."""
 
 SMALL = Scenario(
     drones=4, arena_side=140.0, duration=20.0, altitude=5.0, t_del=0.2, v_flock=4.0, v_max=4.0, sigma_outer=0.0,
@@ -28,26 +28,26 @@ SMALL = Scenario(
 
 @dataclasses.dataclass
 class Truth:
-    """What the fleet's bodies did, whatever telemetry said."""
+    """True states of the fleet, independent of telemetry."""
 
     position: np.ndarray
-    """(T, N, 3), m, at each tick."""
+    """(T, N, 3), m, world, at each step."""
     armed: np.ndarray
-    """(T, N)"""
+    """(T, N), whether a vehicle is armed."""
 
     @property
     def flying(self):
         return self.position[..., 2] > 2.0
 
     def nearest(self):
-        """m, smallest distance between two that fly."""
+        """Smallest distance between two flying vehicles, m."""
         place = np.where(self.flying[..., None], self.position, np.nan)
         away = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
         away[:, np.arange(place.shape[1]), np.arange(place.shape[1])] = np.nan
         return float(np.nanmin(away))
 
     def farthest(self):
-        """m, largest |x| or |y| of anybody."""
+        """Largest |x| or |y| of any vehicle, m."""
         return float(np.abs(self.position[..., :2]).max())
 
 
@@ -63,18 +63,18 @@ def rehearse(
     wanted=None,
     **plan,
 ):
-    """Deploy a point against a fleet; returns the deployment (or what it raised), the truth, and the fleet.
+    """Deploy a point with a fleet; return the result of the deployment, the true states, and the fleet.
 
     Args:
-        scenario: of both.
-        autopilot: of the fleet.
-        faults: texts.
-        point: a name.
-        parameters: set on each vehicle beforehand.
-        story: a coroutine function of (wishes, fleet, plan) that runs beside it.
-        fleet: of the fleet's plan.
-        wanted: autopilot that the deployment asks for.
-        plan: of the deployment's plan.
+        scenario: scenario of the fleet and of the deployment.
+        autopilot: autopilot of the fleet.
+        faults: faults of vehicles, as texts.
+        point: name of the point.
+        parameters: parameters to set on each vehicle before the deployment.
+        story: coroutine function of (interrupt handler, fleet) that runs concurrently; or None.
+        fleet: further fields of the fleet's plan.
+        wanted: autopilot that the deployment requires.
+        plan: further fields of the deployment's plan.
     """
     flown = fleet_of(
         autopilot, vehicles=scenario.drones, scenario=scenario,
@@ -96,12 +96,12 @@ def rehearse(
             **{"interval": 0.5, "autopilot": wanted, **plan},
         )  # fmt: skip
         async with flying(flown, watch):
-            beside = asyncio.create_task(story(interrupts, flown)) if story else None
+            concurrent = asyncio.create_task(story(interrupts, flown)) if story else None
             try:
                 return await deploy(task, None, interrupts)
             finally:
-                if beside:
-                    beside.cancel()
+                if concurrent:
+                    concurrent.cancel()
 
     with Wires().used():
         deployed = simulated_time.run(play())

@@ -18,17 +18,17 @@ SMALL = (*TINY, "--budget", "40", "--population", "8", "--workers", "1")
 
 
 class FakeExecutor:
-    """Evaluates a closed form in this process: F_1 grows with the first coordinate, F_2 falls with it.
+    """Executor that evaluates a closed form in this process: F_1 grows with the first coordinate, F_2 falls with it.
 
-    Both suffer from the other eleven coordinates' distance from 0.3, and from noise of the seed.
+    Both decrease with the distance of the other eleven coordinates from 0.3, and have noise that depends on the seed.
 
     Args:
-        job: a search's.
+        job: job of a search.
         noise: standard deviation of an objective.
-        backwards: whether the last task is done first.
-        fails: numbers of tasks that are infeasible.
-        dies_at: number of the evaluation before which it raises KeyboardInterrupt.
-        bias: added to both objectives.
+        backwards: whether the tasks are evaluated in reverse order.
+        fails: numbers of the tasks that are infeasible.
+        dies_at: number of the evaluation before which KeyboardInterrupt is raised.
+        bias: offset of both objectives.
     """
 
     workers = 1
@@ -78,7 +78,7 @@ class FakeExecutor:
 
 
 def small_configuration(**settings):
-    """A search of a few points in a tiny scenario."""
+    """Configuration of a search with a few points in a tiny scenario."""
     tiny = Scenario(drones=4, arena_side=100.0, duration=2.0, step=0.1)
     return Configuration(scenario=tiny, settings=SearchConfig(**{"population": 8, "budget": 60} | settings))
 

@@ -1,4 +1,4 @@
-"""A fleet and its ground station on one event loop whose clock jumps: minutes of flight in seconds, without sockets."""
+"""Fleet and ground station on an event loop with simulated time and without sockets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from moflock_mj.simulated_vehicles.fleet import TICK
 
 
 class _Jump(selectors.SelectSelector):
-    """Waits for nothing: what it would have waited is added to the clock."""
+    """Selector that adds each timeout to its clock instead of waiting."""
 
     def __init__(self):
         super().__init__()
@@ -25,13 +25,13 @@ class _Jump(selectors.SelectSelector):
         ready = super().select(0)
         if not ready:
             if timeout is None:
-                raise RuntimeError("nobody would ever go on")
+                raise RuntimeError("the event loop has no timer and no ready event: it would wait forever")
             self.now += timeout
         return ready
 
 
 class SimulatedLoop(asyncio.SelectorEventLoop):
-    """An event loop that is never idle."""
+    """Event loop in simulated time."""
 
     def __init__(self):
         self._jump = _Jump()
@@ -47,13 +47,13 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
 
 def run(coroutine):
-    """Run a coroutine in simulated time; returns its result."""
+    """Run a coroutine in simulated time and return its result."""
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         return runner.run(coroutine)
 
 
 class Wire:
-    """Carries an endpoint's packets to whoever is bound at the address, in the next turn of the loop."""
+    """Transport that delivers packets to the endpoint bound at their address, in the loop's next iteration."""
 
     bound: dict
 
@@ -70,7 +70,7 @@ class Wire:
 
 
 class Wires:
-    """A network in memory for endpoints that open their sockets while it is used."""
+    """Network in memory for endpoints that are opened inside `used`."""
 
     def __init__(self):
         self.bound = {}
@@ -94,7 +94,7 @@ class Wires:
 
 @contextlib.asynccontextmanager
 async def flying(fleet, watch=lambda: None):
-    """Let a fleet fly on the loop's clock; `watch` is called after each of its ticks."""
+    """Step a fleet by the loop's clock; `watch` is called after each step."""
 
     async def fly():
         loop = asyncio.get_running_loop()

@@ -1,4 +1,4 @@
-"""One drone in MuJoCo, flown by the compiled controller from Python."""
+"""Single drone in MuJoCo, controlled by the compiled controller from Python."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from moflock_mj.dynamics.airframe_models import airframe_path, flock_model, load
 
 
 class Track(NamedTuple):
-    """A flight, one row per step."""
+    """Recorded flight, one row per step."""
 
     t: np.ndarray
     position: np.ndarray
@@ -28,12 +28,12 @@ class Track(NamedTuple):
 
     @property
     def acceleration(self):
-        """(T - 1,), m/s^2, horizontal, between rows."""
+        """(T - 1,), m/s^2, horizontal acceleration between rows."""
         return np.hypot(*(np.diff(self.velocity[:, :2], axis=0) / (self.t[1] - self.t[0])).T)
 
 
 class SingleDrone:
-    """A drone in the flock's model, or standing alone on MuJoCo's own actuators."""
+    """Drone in the model of a flock, or in its airframe's own model with MuJoCo's actuators."""
 
     def __init__(self, airframe="x500", step=0.005, own_actuators=False, altitude=20.0, **settings):
         self.airframe = load_airframe(airframe)
@@ -53,13 +53,13 @@ class SingleDrone:
         self.thrust[:] = self.airframe.hover_thrust()
 
     def tilted(self, angle, heading=0.0):
-        """The same drone, tilted by `angle` about an axis that makes the angle `heading` with x, rad."""
+        """Tilt the drone by `angle` about a horizontal axis at the angle `heading` to x, rad; return the drone."""
         axis = np.array([math.cos(heading), math.sin(heading), 0.0])
         mujoco.mju_axisAngle2Quat(self.data.qpos[3:], axis, angle)
         return self
 
     def fly(self, duration, desired, force=(0, 0, 0), controlled=True):
-        """Fly and record; `desired` is a velocity (2,), m/s, or a function of time; `force` (3,), N, world."""
+        """Fly and record. `desired`: velocity (2,), m/s, or a function of time; `force`: (3,), N, world."""
         rows = []
         steps = round(duration / self.gains.step)
         for step in range(steps + 1):
@@ -67,11 +67,11 @@ class SingleDrone:
             q, v = self.data.qpos, self.data.qvel
             upright = 1 - 2 * (q[4] ** 2 + q[5] ** 2)
             rows.append((t, q[:3].copy(), v[:3].copy(), math.acos(min(upright, 1)), self.observer[3:].copy()))
-            wanted = desired(t) if callable(desired) else desired
+            command = desired(t) if callable(desired) else desired
             if controlled:
                 track_velocity(
                     self.gains,
-                    *map(float, wanted),
+                    *map(float, command),
                     self.altitude,
                     v[0],
                     v[1],
@@ -91,8 +91,8 @@ class SingleDrone:
             data.ctrl[:] = self.command
         else:
             total, *torque = rotor_wrench(self.gains, self.thrust)
-            push = np.empty(3)
-            mujoco.mju_rotVecQuat(push, np.array([0, 0, total]), data.qpos[3:])
-            data.qfrc_applied[:] = (*push, *torque)
+            thrust = np.empty(3)
+            mujoco.mju_rotVecQuat(thrust, np.array([0, 0, total]), data.qpos[3:])
+            data.qfrc_applied[:] = (*thrust, *torque)
             self.thrust += self.gains.rotor_blend * (self.command - self.thrust)
         mujoco.mj_step(self.model, data)

@@ -1,4 +1,4 @@
-"""Slow twins in plain Python of what is compiled: the model's formulas, one drone and one pair at a time."""
+"""Reference implementations of compiled code in plain Python, one drone and one pair at a time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def braking_distance(v, a, p):
 
 
 def desired_velocity(params: VasarhelyiParams, scenario: Scenario, own, own_velocity, neighbours):
-    """Of one drone; neighbours: pairs of heard position and velocity."""
+    """Desired velocity of one drone, m/s; neighbours: pairs of received position and velocity."""
     p = params
     total = np.zeros(2)
     speed = np.linalg.norm(own_velocity)
@@ -54,7 +54,7 @@ def desired_velocity(params: VasarhelyiParams, scenario: Scenario, own, own_velo
 
 @dataclass
 class GpsErrors:
-    """Of N drones: g position error, h velocity error, each (N, 2)."""
+    """GPS errors of N drones: position error g, m, and velocity error h, m/s, each (N, 2)."""
 
     g: np.ndarray
     h: np.ndarray
@@ -67,7 +67,7 @@ class GpsErrors:
 
 
 def acting(scenario: Scenario, kind, i, time):
-    """Faults of a kind that act on drone i at a time."""
+    """Faults of a kind that affect drone i at a time."""
     return [
         fault
         for fault in scenario.faults
@@ -79,7 +79,7 @@ def acting(scenario: Scenario, kind, i, time):
 
 @dataclass
 class SlowFlight:
-    """A point-mass flight, step by step; draws the same random numbers as the compiled one."""
+    """Point-mass flight, step by step, with the same random numbers as the compiled one."""
 
     params: VasarhelyiParams
     scenario: Scenario
@@ -98,23 +98,23 @@ class SlowFlight:
         first, packets = list(zip(x, v, strict=True)), []
         own, sent = (GpsErrors(np.zeros((n, 2)), np.zeros((n, 2))) for _ in range(2))
         desired, left = np.zeros((n, 2)), {}
-        late, tick = round(scenario.t_del / step), round(scenario.t_gps / step)
+        delay, fix = round(scenario.t_del / step), round(scenario.t_gps / step)
         steps = round(scenario.duration / step)
         response = scenario.point_mass or PointMassConfig(tau=scenario.tau, a_max=scenario.a_max)
-        called_for = []
+        commands = []
         for k in range(steps):
             time = k * step
             packets.append([self._packet(i, time, x[i], v[i]) for i in range(n)])
-            if k % tick == 0:
+            if k % fix == 0:
                 xi = streams.sensing.standard_normal((2, 2, n))
                 for error, draws in ((own, xi[0].T), (sent, xi[1].T)):
                     self._drift(error, time, draws)
                 lost = streams.faults.random((n, n)) if "link_loss" in str(scenario.faults) else np.ones((n, n))
-                heard = packets[k - late] if k >= late else first
-                desired = np.array([self._decide(i, time, x, v, own, sent, heard, lost[i]) for i in range(n)])
+                received = packets[k - delay] if k >= delay else first
+                desired = np.array([self._decide(i, time, x, v, own, sent, received, lost[i]) for i in range(n)])
             xi = streams.disturbance.standard_normal((2, n)).T
-            called_for.append(desired - v[:, :2] - own.h)
-            wanted = self._late(called_for, response.delay, step) / response.tau
+            commands.append(desired - v[:, :2] - own.h)
+            wanted = self._late(commands, response.delay, step) / response.tau
             size = np.linalg.norm(wanted, axis=1, keepdims=True)
             clipped = wanted * np.minimum(1, response.a_max / np.maximum(size, 1e-300))
             for i in range(n):
@@ -130,12 +130,12 @@ class SlowFlight:
         self.samples = states[::every]
         return self
 
-    def _late(self, called_for, delay, step):
-        """What was called for `delay` ago, as seen from the middle of the latest step; at first nothing."""
+    def _late(self, commands, delay, step):
+        """Command at `delay` before the middle of the latest step, interpolated; zero before the first command."""
         back = max(delay / step - 0.5, 0)
-        newer, older = (len(called_for) - 1 - math.floor(back) - k for k in (0, 1))
+        newer, older = (len(commands) - 1 - math.floor(back) - k for k in (0, 1))
         share = back - math.floor(back)
-        held = [called_for[k] if k >= 0 else 0 * called_for[0] for k in (newer, older)]
+        held = [commands[k] if k >= 0 else 0 * commands[0] for k in (newer, older)]
         return (1 - share) * held[0] + share * held[1]
 
     def _drift(self, error, time, xi):
@@ -147,7 +147,7 @@ class SlowFlight:
                 error.g[i] = g[i] + self.scenario.t_gps * h[i]
 
     def _packet(self, i, time, x, v):
-        """What drone i sends: position and velocity, or None."""
+        """Packet of drone i, (position, velocity), or None."""
         if acting(self.scenario, "cannot_transmit", i, time) or acting(self.scenario, "power_off", i, time):
             return None
         return x + np.append(self._jump(i, time), 0), v.copy()
@@ -155,9 +155,9 @@ class SlowFlight:
     def _jump(self, i, time):
         return sum((np.array(fault.jump) for fault in acting(self.scenario, "gps_jump", i, time)), np.zeros(2))
 
-    def _decide(self, i, time, x, v, own, sent, heard, draws):
+    def _decide(self, i, time, x, v, own, sent, packets, draws):
         scenario, receives, arrived, missing = self.scenario, [], False, 0
-        for j, packet in enumerate(heard):
+        for j, packet in enumerate(packets):
             if j == i or np.linalg.norm(x[j] - x[i]) >= scenario.r_comm:
                 self.last.pop((i, j), None)
                 continue
@@ -172,8 +172,8 @@ class SlowFlight:
             if time - since > 1.0 + 1e-9:
                 missing += 1
             elif place[2] > x[i, 2] - 5:
-                carried = place[:2] + (time - since) * velocity[:2]
-                receives.append((carried + sent.g[j], velocity[:2] + sent.h[j]))
+                extrapolated = place[:2] + (time - since) * velocity[:2]
+                receives.append((extrapolated + sent.g[j], velocity[:2] + sent.h[j]))
         if arrived:
             self.cut_off.discard(i)
         elif not receives and missing >= 2:
@@ -189,7 +189,7 @@ class SlowFlight:
 
 
 def fallen(place, velocity, time):
-    """Position and velocity of what falls from a place, with only its horizontal velocity left, until the ground."""
+    """Position and velocity of a body in ballistic fall from `place` with a horizontal velocity, until the ground."""
     landing = math.sqrt(2 * place[2] / 9.81)
     moved = place + velocity * min(time, landing)
     if time >= landing:
@@ -198,7 +198,7 @@ def fallen(place, velocity, time):
 
 
 def order_parameters(positions, velocities, params: VasarhelyiParams, scenario: Scenario):
-    """wall, vel, corr, coll, disc, cluster of samples: positions and velocities (T, N, 2 or 3)."""
+    """Order parameters (wall, vel, corr, coll, disc, cluster) of positions and velocities (T, N, 2 or 3)."""
     r_cluster = params.r0_rep + params.r0_frict
     r_cluster += braking_distance(scenario.v_flock, params.a_frict, params.p_frict)
     n = positions.shape[1]
@@ -227,13 +227,13 @@ def order_parameters(positions, velocities, params: VasarhelyiParams, scenario: 
 
 
 def dryden_correlation(lateral, lag, scale_time):
-    """Of the gusts along the wind, or across and up (lateral): the Fourier transforms of their spectra."""
+    """Correlation of gusts along the wind, or across and up (lateral): Fourier transform of the Dryden spectrum."""
     ratio = lag / scale_time
     return math.exp(-ratio) * (1 - ratio / 2 if lateral else 1)
 
 
 def next_gusts(gusts, wind, velocities, draws):
-    """The air's velocity (N, 3) one period on, from (u, p_v, q_v, p_w, q_w) of each drone; changes `gusts` (N, 5)."""
+    """Air velocity (N, 3) after one period from the states (u, p_v, q_v, p_w, q_w); updates `gusts` (N, 5)."""
     air = []
     for i, (state, velocity, xi) in enumerate(zip(gusts, velocities, draws, strict=True)):
         airspeed = max(np.linalg.norm(velocity - wind.velocity[:, i]), 1.0)
@@ -257,20 +257,20 @@ def next_gusts(gusts, wind, velocities, draws):
 
 
 def drag_force(body, rotors, weight, rotation, airspeed, thrust):
-    """N, world, on one drone: of the body (kg/m) and of the rotors (kg/s in hover) along their plane."""
+    """Drag on one drone, N, world: of the body (kg/m), and of the rotors (kg/s in hover) in their plane."""
     axis = rotation[:, 2]
     in_plane = airspeed - (airspeed @ axis) * axis
     return -body * np.linalg.norm(airspeed) * airspeed - rotors * math.sqrt(thrust / weight) * in_plane
 
 
 def jet_speed(thrust, fastest, below, beside):
-    """m/s, in the jet of a hovering drone."""
+    """Air speed in the downwash of a hovering drone, m/s."""
     axis = min(5.8 * math.sqrt(4 * thrust / (math.pi * 1.225)) / below, fastest)
     return axis / (1 + (math.sqrt(2) - 1) * (beside / below / 0.094) ** 2) ** 2
 
 
 def wash_forces(downwash, positions):
-    """(N,), N, downwards."""
+    """Downwash forces (N,), N, downwards."""
     forces = np.zeros(len(positions))
     for i, lower in enumerate(positions):
         for upper in positions:
@@ -281,7 +281,7 @@ def wash_forces(downwash, positions):
 
 
 def battery_under_load(open_circuit, resistance, power):
-    """Voltage and current at which the terminals give the power: found by going back and forth between the two."""
+    """Voltage and current at a power, by fixed-point iteration."""
     voltage = open_circuit
     for _ in range(200):
         voltage = open_circuit - resistance * power / voltage
@@ -290,7 +290,7 @@ def battery_under_load(open_circuit, resistance, power):
 
 @dataclass
 class Navigator:
-    """What one drone believes, with vectors and matrices."""
+    """State estimator of one drone, with vectors and matrices."""
 
     gains: object
     step: float
@@ -332,7 +332,7 @@ def rotation_by(turn):
 
 
 def quaternion_matrix(q):
-    """Rotation matrix, body to world, of w x y z."""
+    """Rotation matrix, body to world, of a quaternion w x y z."""
     w, *v = q
     x, y, z = v
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -340,8 +340,10 @@ def quaternion_matrix(q):
 
 
 def point_mass_in_wind(state, observer, desired, air, figures, step):
-    """Position, velocity and observer of one drone (2,) a step on; figures: tau, a_max, body 1/m, rotors 1/s, observer
-    rad/s, bound of the disturbance m/s^2.
+    """Position, velocity and observer of one drone (2,) after one step.
+
+    The figures are tau (s), a_max (m/s^2), drag of body (1/m) and rotors (1/s), bandwidth of the observer (rad/s), and
+    bound of the disturbance (m/s^2).
     """
     (x, v), (predicted, disturbance) = state, observer
     tau, a_max, body, rotors, bandwidth, bound = figures

@@ -19,16 +19,16 @@ def station():
 
 def test_it_sends_heartbeats_and_little_else_until_it_is_asked(station):
     station.wait(5.0)
-    assert set(station.heard) == {"HEARTBEAT"}
+    assert set(station.received) == {"HEARTBEAT"}
     beat = station.latest("HEARTBEAT")
     assert (beat.type, beat.autopilot, beat.custom_mode, beat.get_srcComponent()) == (2, 3, STABILIZE, 1)
     station.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     station.wait(5.0)
-    assert len(station.heard["SYS_STATUS"]) in range(19, 22)
+    assert len(station.received["SYS_STATUS"]) in range(19, 22)
     station.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
-    station.heard.clear()
+    station.received.clear()
     station.wait(2.0)
-    assert set(station.heard) == {"HEARTBEAT"}
+    assert set(station.received) == {"HEARTBEAT"}
 
 
 def test_its_prearm_check_is_healthy_before_its_position_can_be_used():
@@ -101,7 +101,7 @@ def test_loss_of_the_ground_station(station, action, mode):
     station.set_parameter("FS_GCS_ENABLE", action)
     station.take_off(5.0)
     station.wait(2.0)
-    station.beats = False
+    station.heartbeats = False
     station.wait(4.0)
     assert station.vehicle.mode == GUIDED
     station.wait(3.0, velocity(0, 0, 0))  # setpoints are no heartbeats

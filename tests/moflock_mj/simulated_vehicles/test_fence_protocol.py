@@ -35,7 +35,7 @@ def items_of(station, corners=SQUARE, command=CORNER, count=None):
 
 def upload(station, items):
     """Upload as the vehicle asks for it; returns the result."""
-    station.heard.pop("MISSION_ACK", None)
+    station.received.pop("MISSION_ACK", None)
     station.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), FENCE))
     for number, item in enumerate(items):
         assert station.latest("MISSION_REQUEST_INT").seq == number
@@ -103,7 +103,7 @@ def test_an_item_that_does_not_come_is_asked_for_again_and_then_given_up(station
     station.send(mavlink.MAVLink_mission_count_message(1, 1, 4, FENCE))
     station.send(items_of(station)[2])  # out of order: the first is asked for again
     station.wait(8.0)
-    requests = [request.seq for request in station.heard["MISSION_REQUEST_INT"]]
+    requests = [request.seq for request in station.received["MISSION_REQUEST_INT"]]
     assert set(requests) == {0}
     assert 5 <= len(requests) <= 8
     assert station.latest("MISSION_ACK").type == mavlink.MAV_MISSION_OPERATION_CANCELLED

@@ -28,7 +28,7 @@ def offboard(station, setpoint):
 
 def test_it_streams_by_itself(station):
     station.wait(10.0)
-    rates = {kind: len(messages) / 10 for kind, messages in station.heard.items()}
+    rates = {kind: len(messages) / 10 for kind, messages in station.received.items()}
     assert rates["ATTITUDE"] == pytest.approx(20, abs=0.5)
     assert rates["LOCAL_POSITION_NED"] == pytest.approx(50, abs=0.5)
     assert rates["HOME_POSITION"] == pytest.approx(0.5, abs=0.2)
@@ -59,11 +59,11 @@ def test_whether_it_would_arm_goes_by_its_mode(station, mode, armable):
 
 def test_without_the_ground_station_that_it_must_not_lose_it_does_not_arm(station):
     station.set_parameter("NAV_DLL_ACT", 3)
-    station.beats = False
+    station.heartbeats = False
     station.wait(12.0)
     assert station.arm() == REJECTED
     assert station.texts()[-1] == "Preflight Fail: No connection to the GCS"
-    station.beats = True
+    station.heartbeats = True
     assert is_armable(station)
 
 
@@ -133,7 +133,7 @@ def test_loss_of_the_ground_station(station, action, mode):
     station.wait(0.1)
     station.take_off(5.0)
     station.wait(1.0)
-    station.beats = False
+    station.heartbeats = False
     station.wait(9.0)
     assert station.vehicle.mode == HOLD
     station.wait(2.0)

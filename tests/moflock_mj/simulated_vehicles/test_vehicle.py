@@ -167,9 +167,9 @@ def test_messages_come_at_the_rates_that_were_asked_for(station):
         station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate)
     station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, -1)
     station.wait(1.0)
-    station.heard.clear()
+    station.received.clear()
     station.wait(10.0)
-    counts = {kind: len(messages) for kind, messages in station.heard.items()}
+    counts = {kind: len(messages) for kind, messages in station.received.items()}
     assert counts["HEARTBEAT"] in (10, 11)
     assert counts["LOCAL_POSITION_NED"] == 500
     assert counts["GLOBAL_POSITION_INT"] in (99, 100, 101)
@@ -183,9 +183,9 @@ def test_requested_messages_come_and_others_are_refused(station):
     assert station.latest("AUTOPILOT_VERSION").capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     assert station.command(request, 242) == ACCEPTED
     assert station.latest("HOME_POSITION").altitude == pytest.approx(488_060, abs=5)
-    station.heard.pop("AUTOPILOT_VERSION")
+    station.received.pop("AUTOPILOT_VERSION")
     assert station.command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1) == ACCEPTED
-    assert "AUTOPILOT_VERSION" in station.heard
+    assert "AUTOPILOT_VERSION" in station.received
     assert station.command(request, 12_345) == mavlink.MAV_RESULT_FAILED
     assert station.command(mavlink.MAV_CMD_DO_CHANGE_SPEED) == mavlink.MAV_RESULT_UNSUPPORTED
 
@@ -206,7 +206,7 @@ def test_ping_timesync_and_files(station):
 def test_all_parameters_are_listed(station):
     station.send(mavlink.MAVLink_param_request_list_message(1, 1))
     station.wait(1.0)
-    listed = station.heard["PARAM_VALUE"]
+    listed = station.received["PARAM_VALUE"]
     assert [value.param_index for value in listed] == list(range(len(station.vehicle.parameters)))
     assert {value.param_count for value in listed} == {len(listed)}
 

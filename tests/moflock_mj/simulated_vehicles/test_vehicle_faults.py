@@ -68,12 +68,12 @@ def test_a_drone_that_there_is_not():
 def test_a_silent_vehicle_neither_sends_nor_hears_and_comes_back():
     station = faulty("vehicle=0,kind=link_loss,share=1,at=6,duration=5")
     station.wait(1.9)
-    station.heard.clear()
+    station.received.clear()
     station.wait(4.9)
-    assert not station.heard
+    assert not station.received
     assert station.station.vehicle.ground_heard < 6
     station.wait(2.0)
-    assert len(station.heard["HEARTBEAT"]) == 2
+    assert len(station.received["HEARTBEAT"]) == 2
 
 
 def test_a_lossy_link_loses_its_share_and_the_sequence_shows_it():
@@ -89,7 +89,7 @@ def test_a_delayed_link():
     station = faulty("vehicle=0,kind=link_delay,delay=0.5")
     asked = station.fleet.time
     station.send(mavlink.MAVLink_timesync_message(0, 1))
-    assert station.wait(3.0, until=lambda: "TIMESYNC" in station.heard)
+    assert station.wait(3.0, until=lambda: "TIMESYNC" in station.received)
     assert station.fleet.time - asked == pytest.approx(1.0, abs=0.05)
     assert station.latest("TIMESYNC").tc1 / 1e9 == pytest.approx(asked + 0.5, abs=0.03)
 
@@ -97,7 +97,7 @@ def test_a_delayed_link():
 def test_a_vehicle_that_takes_anothers_system_id():
     station = faulty("vehicle=1,kind=duplicate_id,system=1,at=6,duration=4", number=1, vehicles=2)
     station.wait(1.5)
-    assert {message.get_srcSystem() for message in station.heard["HEARTBEAT"]} == {2}
+    assert {message.get_srcSystem() for message in station.received["HEARTBEAT"]} == {2}
     station.wait(2.0)
     assert station.latest("HEARTBEAT").get_srcSystem() == 1
     station.wait(5.0)

@@ -43,7 +43,7 @@ def fly(world, pilots, seconds):
             pilot.send()
         assert world.step()
         for pilot in pilots:
-            pilot.hear()
+            pilot.receive()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -86,7 +86,7 @@ def test_one_that_hangs_falls_and_the_others_go_on_and_it_may_come_back(kind):
             fly(world, others, world.period)
         assert notices[1].startswith("autopilot 1 at 4.")
         assert notices[1].endswith("it is there again")
-        hung.hear()
+        hung.receive()
         fly(world, pilots, 0.5)
         assert len(notices) == 2
 
@@ -109,7 +109,7 @@ def test_a_px4_that_hangs_up_and_connects_again_flies_on_with_a_new_clock():
         again = STAND_INS["px4"](world.links[0].port, 1.0)
         with again.socket:
             fly(world, [], 0.2)
-            again.hear()
+            again.receive()
             assert again.time < 200_000
             assert world.links[0].counts.restarts == 1
 
@@ -132,7 +132,7 @@ def test_the_same_frame_moves_the_world_once_and_a_lost_answer_is_said_again():
         for _ in range(3):
             pilot.send()
         assert world.step()
-        pilot.hear()
+        pilot.receive()
         before = pilot.state
         link.receive(0.0)
         assert not link.ready
@@ -141,7 +141,7 @@ def test_the_same_frame_moves_the_world_once_and_a_lost_answer_is_said_again():
         link._answered -= 1.0  # nothing came of the answer for a second
         link.receive(0.1)
         assert not link.ready
-        pilot.hear()
+        pilot.receive()
         assert pilot.state == before
 
 
@@ -154,7 +154,7 @@ def test_a_px4_that_has_passed_over_its_sensors_gets_them_again():
         assert not link.ready
         link._told -= 1.0  # a second ago
         link.receive(0.0)
-        pilot.hear()
+        pilot.receive()
         assert pilot.time == before
         fly(world, pilots, 0.1)
         assert pilot.time == before + 100_000
