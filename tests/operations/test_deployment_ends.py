@@ -98,7 +98,7 @@ def test_who_does_not_arm_ends_it_and_all_come_down():
         await asyncio.sleep(100.0)
 
     deployed, truth, _ = ended(story=spoil, interval=3.0)
-    assert "vehicle 4 at 127.0.0.1:14603: does not arm: it says PreArm: Battery 1 below" in deployed.error
+    assert "vehicle 4 at 127.0.0.1:14603: does not arm: it reports PreArm: Battery 1 below" in deployed.error
     assert deployed.figures.flocked == 0
     assert truth.flying.any()
     assert not truth.armed[-1].any()
@@ -141,7 +141,7 @@ def test_a_controller_that_is_late_sends_no_heartbeats():
             await asyncio.sleep(0.01)
 
     deployed, _, _ = ended(story=hold_up)
-    assert any("no heartbeats until it is well" in event.message for event in deployed.events)
+    assert any("heartbeats stop until it recovers" in event.message for event in deployed.events)
 
 
 def test_health():
@@ -154,7 +154,7 @@ def test_health():
         now += 0.3
         health.take(now, 0.25)
     assert not health.well
-    assert [level for level, _ in health.told()] == ["error"]
+    assert [level for level, _ in health.new_events()] == ["error"]
     for _ in range(59):
         now += 0.05
         assert not health.take(now, 0.0)

@@ -53,7 +53,7 @@ def changeable_state(vehicle):
         vehicle.phase,
         vehicle.home,
         vehicle.setpoint,
-        vehicle.ground_heard,
+        vehicle.ground_heartbeat,
         tuple(vehicle.parameters._table.items()),
         tuple(vehicle.fence.items),
         vehicle.shapes,

@@ -42,7 +42,7 @@ def run(*arguments, cwd):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--vehicles", ""), "vehicles: '' is none"),
+        (("--vehicles", ""), "vehicles: '' is invalid"),
         (("--vehicles", "udp:127.0.0.1:14999"), "report: none in logs"),
         (("--vehicles", "udp:127.0.0.1:14999", "--report", "absent.json"), "report absent.json: No such file"),
         (("--vehicles", "udp:127.0.0.1:14999", "--rehearse", "--timeout", 0.2), "from 1 of 1 links within 0.2 s"),
@@ -150,7 +150,7 @@ def test_origins():
     ("more", "error", "words"),
     [
         ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot; it must be px4"),
-        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the 200 m arena"),
+        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside the 200 m arena"),
         ({"fleet": {"spacing": 2.0}}, DeploymentError, r"stand 2.0 m apart; it must be at least 3 m"),
         (
             {"faults": ["vehicle=1,kind=low_battery,charge=0.1"]},
@@ -158,8 +158,8 @@ def test_origins():
             "battery at 10 %; it must be over 20 %",
         ),
         ({"faults": ["vehicle=1,kind=link_loss,share=1"]}, LinkError, "from 1 of 5 links"),
-        ({"faults": ["vehicle=1,kind=duplicate_id,system=1"]}, LinkError, "system id 1 is that of"),
-        ({"fleet": {"boot": 60.0, "ready": False}}, DeploymentError, "does not know where it is; wait for its GPS"),
+        ({"faults": ["vehicle=1,kind=duplicate_id,system=1"]}, LinkError, "system id 1 is used by"),
+        ({"fleet": {"boot": 60.0, "ready": False}}, DeploymentError, "has no position yet; wait for its GPS"),
     ],
 )
 def test_what_must_not_take_off_is_refused(more, error, words):
@@ -179,7 +179,7 @@ def test_what_must_not_take_off_is_refused(more, error, words):
 
 def test_a_rehearsal_with_who_may_be_real_is_refused(monkeypatch):
     monkeypatch.setattr("moflock_mj.simulated_vehicles.telemetry.SIMULATED", (0,) * 8)
-    with pytest.raises(MoflockError, match="does not say that it is simulated: it needs a report"):
+    with pytest.raises(MoflockError, match="does not identify as simulated: it needs a pre-flight report"):
         rehearse(SCENARIO.replace(drones=1))
 
 
@@ -187,7 +187,7 @@ def test_px4s_own_simulation_says_what_it_is():
     """Its identity is SIMULATIONID0000, of which AUTOPILOT_VERSION has eight letters, one more for each system id."""
     first = 5283920058631409231
     asyncio.run(require_simulated([vehicle(1, first), vehicle(3, first + 2)]))
-    with pytest.raises(MoflockError, match="does not say that it is simulated"):
+    with pytest.raises(MoflockError, match="does not identify as simulated"):
         asyncio.run(require_simulated([vehicle(3, first)]))
 
 

@@ -35,8 +35,8 @@ KEY = SigningKey(bytes(range(32)))
         ({"speed": float("nan")}, "speed: nan"),
         ({"speed": 0}, "speed: 0 is out of bounds"),
         ({"boot": -1}, "boot: -1"),
-        ({"spacing": 0.7}, "spacing: 0.7 m must be above the airframe's 0.754 m"),
-        ({"scenario": CALM.replace(step=0.0125)}, "step: 0.0125 s must go a whole number of times"),
+        ({"spacing": 0.7}, "spacing: 0.7 m: it must be above the airframe's diameter, 0.754 m"),
+        ({"scenario": CALM.replace(step=0.0125)}, "step: 0.0125 s: it must divide 0.02 s"),
     ],
 )
 def test_a_bad_plan(plan, words):
@@ -155,7 +155,7 @@ def test_bad_input_is_one_line_and_status_2(tmp_path):
         taken.bind(("127.0.0.1", 0))
         cases = (
             (("--fault", "vehicle=9,kind=link_loss,share=1"), "vehicle 9 is out of bounds"),
-            (("--key-file", "open.key"), "its permissions are 644, must be 600"),
+            (("--key-file", "open.key"), "permissions 644: they must be 600"),
             (("--base-port", taken.getsockname()[1]), "in use"),
             (("--to", "nowhere"), "must be HOST:PORT"),
         )

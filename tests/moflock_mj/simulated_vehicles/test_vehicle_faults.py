@@ -25,7 +25,7 @@ def test_a_text():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "must be key=value"),
+        ("", "it must be key=value"),
         ("vehicle=1", "kind: '' is out of bounds: it must be one of gps_loss"),
         ("kind=link_loss", "share: is missing: link_loss needs it"),
         ("kind=gps_loss,share=1", "share: 1.0 means nothing to gps_loss"),
@@ -71,7 +71,7 @@ def test_a_silent_vehicle_neither_sends_nor_hears_and_comes_back():
     station.heard.clear()
     station.wait(4.9)
     assert not station.heard
-    assert station.station.vehicle.ground_heard < 6
+    assert station.station.vehicle.ground_heartbeat < 6
     station.wait(2.0)
     assert len(station.heard["HEARTBEAT"]) == 2
 
