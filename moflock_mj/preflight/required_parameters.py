@@ -1,8 +1,8 @@
 """Autopilot parameters that a flock requires: their allowed values, and the values that `--fix` sets.
 
 Names and values are those of ArduCopter 4.7 (https://ardupilot.org/copter/docs/parameters.html) and PX4 1.17
-(https://docs.px4.io/main/en/advanced_config/parameter_reference.html). ArduCopter 4.7 renamed many parameters of 4.6 and
-changed them to SI units (https://ardupilot.org/copter/docs/common-param-name-changes.html): both forms are listed.
+(https://docs.px4.io/main/en/advanced_config/parameter_reference.html). ArduCopter 4.7 renamed many parameters of 4.6
+and changed them to SI units (https://ardupilot.org/copter/docs/common-param-name-changes.html): both forms are listed.
 """
 
 from __future__ import annotations
@@ -21,6 +21,11 @@ Measured when stopping from 6 m/s in turns: with the default of 4, up to 16 m/s 
 8 m/s and 11 m."""
 _DRIFT = 10.0
 """Extra radius of a fence around the home, m, since the home moves with the GPS error."""
+
+
+_CONTINUES = "it continues after loss of the ground station"
+_LATE = "it detects loss of the ground station too late"
+_EMPTY = "it flies until its battery is empty"
 
 
 class FlightRequirements(NamedTuple):
@@ -101,17 +106,17 @@ def _of_ardupilot(requirements: FlightRequirements) -> list[Spellings]:
                 "FS_GCS_ENABLE",
                 (5, 7, 1),
                 "5 land, 7 brake or land, 1 return",
-                "it continues after loss of the ground station",
+                _CONTINUES,
             ),
         ),
-        (_between("FS_GCS_TIMEOUT", 2, 10, 5, "s", "it detects loss of the ground station too late"),),
+        (_between("FS_GCS_TIMEOUT", 2, 10, 5, "s", _LATE),),
         (_between("GUID_TIMEOUT", 0.5, 3, 3, "s", "it follows its last setpoint for too long"),),
         (
             _one_of(
                 "BATT_FS_LOW_ACT",
                 (1, 2, 3, 4),
                 "1 land, 2 to 4 return",
-                "it flies until its battery is empty",
+                _EMPTY,
                 CheckResult.WARNING,
             ),
         ),
@@ -144,15 +149,15 @@ def _of_px4(requirements: FlightRequirements) -> list[Spellings]:
         _at_least("MPC_ACC_HOR", requirements.acceleration, "m/s^2", "it turns more slowly than in the simulation"),
         _at_least("MPC_JERK_AUTO", _JERK, "m/s^3", "it first accelerates and flies far before it holds"),
         _at_least("MPC_TILTMAX_AIR", math.ceil(tilt + 5), "deg", "it cannot accelerate as in the simulation"),
-        _one_of("NAV_DLL_ACT", (3, 1, 2), "3 land, 1 hold, 2 return", "it continues after loss of the ground station"),
-        _between("COM_DL_LOSS_T", 2, 15, 10, "s", "it detects loss of the ground station too late"),
+        _one_of("NAV_DLL_ACT", (3, 1, 2), "3 land, 1 hold, 2 return", _CONTINUES),
+        _between("COM_DL_LOSS_T", 2, 15, 10, "s", _LATE),
         _one_of("COM_OBL_RC_ACT", (5, 4), "5 hold, 4 land", "it does not hold or land when setpoints stop"),
         _between("COM_OF_LOSS_T", 0.3, 2, 1, "s", "it follows its last setpoint for too long"),
         _one_of(
             "COM_LOW_BAT_ACT",
             (2, 3),
             "2 land, 3 return or land",
-            "it flies until its battery is empty",
+            _EMPTY,
             CheckResult.WARNING,
         ),
         _at_least(

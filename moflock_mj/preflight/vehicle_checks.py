@@ -80,11 +80,13 @@ def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float)
     return [
         check(
             "link's round trip", subject, good=trip <= scenario.t_del or (trip < 0.05), value=1e3 * trip, unit="ms",
-            limit=f"at most t_del, {1e3 * scenario.t_del:g} ms", advice="use a better radio, or a point for longer delays",
+            limit=f"at most t_del, {1e3 * scenario.t_del:g} ms",
+            advice="use a better radio, or a point for longer delays",
         ),
         check(
             "link's loss", subject, good=vehicle.link.loss <= loss_max, value=100 * vehicle.link.loss, unit="%",
-            limit=f"at most {100 * loss_max:g} %", advice="use a better radio, separate the antennas, or request fewer messages",
+            limit=f"at most {100 * loss_max:g} %",
+            advice="use a better radio, separate the antennas, or request fewer messages",
         ),
         check(
             "rate of positions", subject, good=position_rate >= 0.9 / scenario.t_gps, value=position_rate, unit="Hz",
