@@ -112,5 +112,5 @@ def test_a_program_that_ends_at_once_is_told_in_one_line(tmp_path):
     moflock = started(*wish, cwd=tmp_path)
     _, err = moflock.communicate(timeout=60)
     assert moflock.returncode == 2
-    assert err.startswith("moflock: autopilot 0: it has ended with status 1: see logs/")
+    assert err.startswith("moflock: autopilot 0: its program ended with status 1: see logs/")
     assert len(err.splitlines()) == 1

@@ -78,12 +78,12 @@ def test_one_that_hangs_falls_and_the_others_go_on_and_it_may_come_back(kind):
         assert heights[1] < 0.2
         np.testing.assert_allclose(heights[[0, 2]], [1.0, 2.0], atol=0.2)
         assert [link.present for link in world.links] == [True, False, True]
-        assert notices == ["autopilot 1 at 3.0 s: it has not answered for 0.2 s; its rotors stop"]
+        assert notices == ["autopilot 1 at 3.0 s: no outputs for 0.2 s; its rotors stop"]
         hung.send()
         while len(notices) < 2:
             fly(world, others, world.period)
         assert notices[1].startswith("autopilot 1 at 4.")
-        assert notices[1].endswith("it is there again")
+        assert notices[1].endswith("connected again")
         hung.hear()
         fly(world, pilots, 0.5)
         assert len(notices) == 2
@@ -202,11 +202,11 @@ def test_a_port_in_use_leaves_none_open(kind):
 @pytest.mark.parametrize(
     ("plan", "words"),
     [
-        ({"autopilot": "paparazzi"}, "physics-for: 'paparazzi' must be one of ardupilot, px4"),
+        ({"autopilot": "paparazzi"}, "physics-for: 'paparazzi' is unknown: it must be one of ardupilot, px4"),
         ({"vehicles": 0}, "vehicles: 0 is out of bounds: it must be from 1 to 250"),
         ({"vehicles": 2, "port": 65530}, "port: 65530 is out of bounds: it must be from 0 to 65525"),
         ({"speed": float("nan")}, "speed: nan"),
-        ({"spacing": 0.7}, "spacing: 0.7 m must be above the airframe's 0.754 m"),
+        ({"spacing": 0.7}, "spacing: 0.7 m: it must be above the airframe's diameter, 0.754 m"),
         (
             {"scenario": CALM.replace(faults=(FaultConfig(kind="cannot_transmit", drone=0, at=1.0),))},
             "faults: live bodies have none",
