@@ -139,7 +139,7 @@ def test_several_on_a_link_must_have_been_counted():
         async with flying(fleet), vehicles_at([Connection("udpin", "127.0.0.1", 14550)]):
             raise AssertionError
 
-    words = r"3 connected \(system ids 1, 2, 3\); it must be 1, one on each link: several on one need --count"
+    words = r"3 connected \(system ids 1, 2, 3\); it must be 1, one on each link: several on one link need --count"
     with Wires().used(), pytest.raises(LinkError, match=words):
         simulated_time.run(play())
 

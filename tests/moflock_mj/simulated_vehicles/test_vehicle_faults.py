@@ -51,7 +51,7 @@ def test_a_file(tmp_path):
     )
     assert [fault.kind for fault in load_faults(path)] == ["cannot_transmit", "link_delay"]
     path.write_text("vehicle = 1")
-    with pytest.raises(FleetError, match="nothing but tables"):
+    with pytest.raises(FleetError, match="only tables"):
         load_faults(path)
     path.write_text("[[faults")
     with pytest.raises(FleetError, match="not TOML"):

@@ -13,7 +13,7 @@ from moflock_mj.errors import RenderError
 from moflock_mj.log.schemas import STATUS_RGBA
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
 from moflock_mj.rendering.cameras import CAMERAS, View, camera_path
-from moflock_mj.rendering.scene import SceneDecorator, grid_cell, pose, room_for, stage_model
+from moflock_mj.rendering.scene import SceneDecorator, geom_capacity, grid_cell, pose, stage_model
 from moflock_mj.visualization.colours import clearances, danger_colours
 from moflock_mj.visualization.playback import Playback, playback_of
 
@@ -89,7 +89,7 @@ def test_flights_that_cannot_be_shown_together_are_refused(flight):
     smaller = dataclasses.replace(flight, scenario=SCENARIO.replace(arena_side=100.0))
     with pytest.raises(RenderError, match="one is in a 120 m arena, the other in a 100 m arena"):
         playback_of([flight, smaller])
-    with pytest.raises(RenderError, match="3 given, must be 1 to 2"):
+    with pytest.raises(RenderError, match="3 given: there must be 1 to 2"):
         playback_of([flight] * 3)
     with pytest.raises(RenderError, match="no samples"):
         playback_of([dataclasses.replace(flight, samples=None)])
@@ -135,7 +135,7 @@ def test_two_flocks_of_different_airframes_share_a_stage(flight):
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_markers_trails_and_walls_fit_into_the_scene(playback, camera):
     model = stage_model(playback)
-    scene = mujoco.MjvScene(model, room_for(playback))
+    scene = mujoco.MjvScene(model, geom_capacity(playback))
     view = camera_path(playback, camera, 16 / 9, 1.0)(15.0)
     SceneDecorator(playback, scene).paint(15.0, [playback.tracks[0].at(15.0)], view)
     assert 5 * 20 < scene.ngeom < scene.maxgeom
