@@ -251,9 +251,7 @@ class LockStep:
         self.bodies.advance(self._substeps)
         self._exchanges += 1
         if not math.isfinite(self.bodies.qpos.sum()):
-            raise FlightError(
-                f"at {self.time:.3f} s the state is no longer finite: a rotor can be too strong for the step"
-            )
+            raise FlightError(f"at {self.time:.3f} s the state is no longer finite: use a smaller step")
         surroundings = functools.cache(self._sensors.surroundings)
         reading = Reading(self.time, self._sensors.motion(), surroundings, self.plan.origin)
         for link in self.links:

@@ -17,8 +17,8 @@ from moflock_mj.world.constants import GRAVITY
 DECLINATION = math.radians(3.41)
 INCLINATION = math.radians(63.16)
 FIELD_STRENGTH = 0.4824
-"""The earth's magnetic field (gauss) at the default `Origin`: World Magnetic Model 2020 in mid-2024, interpolated between
-40 and 50 degrees north, 0 and 10 degrees east, as in PX4's table. It turns by 0.2 degrees per year."""
+"""The earth's magnetic field (gauss) at the default `Origin`: World Magnetic Model 2020 in mid-2024, interpolated
+between 40 and 50 degrees north, 0 and 10 degrees east, as in PX4's table. It turns by 0.2 degrees per year."""
 
 MAGNETIC_NOISE = 0.002
 """Standard deviation of the magnetometer, gauss: Honeywell HMC5883L datasheet, 2 milligauss."""
