@@ -9,7 +9,7 @@ from types import FrameType
 
 import typer
 
-from moflock_mj.cli import deploy, fleet, fly, preflight, replay
+from moflock_mj.cli import deploy, fleet, fly, preflight, replay, schema
 from moflock_mj.cli.options import BAD_INPUT, INTERRUPTED
 from moflock_mj.errors import MoflockError, StoppedError
 from moflock_mj.rendering.gl import do_without_gl
@@ -38,7 +38,7 @@ def make_app() -> typer.Typer:
 
     for part in (fly.commands, replay.commands, *_installed_commands()):
         app.add_typer(part)
-    for part in (fleet.commands, preflight.commands, deploy.commands):
+    for part in (fleet.commands, preflight.commands, deploy.commands, schema.commands):
         app.add_typer(part)
     return app
 

@@ -1,1 +1,1 @@
-"""Statistics of evaluations: PCA, sensitivity, published values."""
+"""Statistics of evaluations: principal components, sensitivity, and published values."""

@@ -1,4 +1,4 @@
-"""Principal components of the fitnesses: which of them rise together, and how they make objectives.
+"""Principal components of the fitnesses, and the objectives that follow from their signs.
 
 Source: Bansal, Sethi, Anicho and Nagar, sections Background and Dimensionality reduction using PCA; scikit-learn.
 """
@@ -31,15 +31,15 @@ SAMPLINGS = ("uniform", "latin_hypercube")
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class PrincipalComponents:
-    """The components of M standardised variables.
+    """Principal components of M standardised variables.
 
     Attributes:
-        names: of the variables.
-        samples: how many rows there were.
-        mean: (M,), of each variable before it was standardised.
-        deviation: (M,), standard deviation of the same.
-        covariance: (M, M), of the standardised variables, over samples - 1: its diagonal is samples / (samples - 1).
-        components: (M, M), a unit vector in each row, that of the largest variance first.
+        names: (M,), names of the variables.
+        samples: number of samples.
+        mean: (M,), mean of each variable before standardisation.
+        deviation: (M,), standard deviation of each variable before standardisation.
+        covariance: (M, M), of the standardised variables, normalised by samples - 1.
+        components: (M, M), one unit vector per row, in the order of decreasing variance.
         explained: (M,), share of the variance along each component.
     """
 
@@ -53,37 +53,37 @@ class PrincipalComponents:
 
     @property
     def constant(self) -> tuple[str, ...]:
-        """Variables that never varied: they have no part in any component."""
+        """Names of the variables that are constant over the samples; their weights are 0."""
         return tuple(name for name, own in zip(self.names, np.diag(self.covariance), strict=True) if own == 0)
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON values."""
-        facts = dataclasses.asdict(self)
-        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in facts.items()}
+        """Attributes as JSON values."""
+        content = dataclasses.asdict(self)
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in content.items()}
 
 
 def load_components(path: str | Path) -> PrincipalComponents:
-    """Read the components that a file has as its "pca": what `to_dict` gave.
+    """Read the components stored under "pca" in a file that `components_json` wrote.
 
     Raises:
-        SearchError: the file cannot be read, or has none.
+        SearchError: the file cannot be read or holds no components.
     """
     try:
-        facts = json.loads(Path(path).read_text(encoding="utf-8"))["pca"]
+        content = json.loads(Path(path).read_text(encoding="utf-8"))["pca"]
         arrays = ("mean", "deviation", "covariance", "components", "explained")
         return PrincipalComponents(
-            names=tuple(facts["names"]),
-            samples=int(facts["samples"]),
-            **{name: np.asarray(facts[name], np.float64) for name in arrays},
+            names=tuple(content["names"]),
+            samples=int(content["samples"]),
+            **{name: np.asarray(content[name], np.float64) for name in arrays},
         )
-    except OSError as problem:
-        raise SearchError(f"pca {path}: {problem.strerror}") from None
-    except (ValueError, KeyError, TypeError) as problem:
-        raise SearchError(f"pca {path}: not a principal component analysis: {problem}") from None
+    except OSError as error:
+        raise SearchError(f"pca {path}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise SearchError(f"pca {path}: not a principal component analysis: {error}") from None
 
 
 def components_json(found: PrincipalComponents, objectives: Objectives) -> str:
-    """The grouping as `load_objectives` reads it, with the analysis behind it as "pca"."""
+    """JSON text of the objectives, as `load_objectives` reads it, with the components under "pca"."""
     return json.dumps({**json.loads(objectives.to_json()), "pca": found.to_dict()}, indent=1) + "\n"
 
 
@@ -93,16 +93,16 @@ def random_points(
     """Random points inside the bounds.
 
     Args:
-        bounds: of the parameters.
-        count: how many points.
-        rng: random numbers.
-        sampling: "uniform", or "latin_hypercube", one point in each slice of each axis (McKay, Beckman, Conover 1979).
+        bounds: bounds of the D parameters.
+        count: number of points.
+        rng: random number generator.
+        sampling: "uniform" or "latin_hypercube" (McKay, Beckman and Conover 1979).
 
     Returns:
         (count, D).
 
     Raises:
-        SearchError: an unknown way, or too few points.
+        SearchError: the sampling is unknown, or there are fewer than two points.
     """
     check_counts(points=count)
     size = len(bounds.lower)
@@ -122,30 +122,30 @@ def study(
     points: int = 500,
     seed: int = 1,
     sampling: str = "uniform",
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> tuple[PrincipalComponents, NDArray[np.float64]]:
-    """Fly random points, once each and on a seed of its own, and analyse their fitnesses, as the paper does.
+    """Fly random points, each once and on its own seed, and analyse their fitnesses as the paper does.
 
     Args:
-        executor: flies.
-        bounds: of the points.
-        points: how many.
-        seed: of the points and of their flights.
+        executor: evaluator of the flights.
+        bounds: bounds of the points.
+        points: number of points.
+        seed: seed from which the points and the seeds of their flights are drawn.
         sampling: see `random_points`.
-        told: of progress.
+        progress: called after each flight.
 
     Returns:
-        The components, and the fitnesses, (points, 6).
+        The components and the fitnesses (points, 6).
 
     Raises:
-        SearchError: see `random_points`; or a flight failed, whose fitness would pass for a bad one.
+        SearchError: see `random_points`; or a flight failed, whose fitness of 0 would bias the components.
     """
     rng = np.random.default_rng(seed)
     chosen = random_points(bounds, points, rng, sampling)
     seeds = rng.integers(1, 2**31, (points, 1))
-    flown = evaluate_batch(executor, [bounds.params(point) for point in chosen], seeds.tolist(), told)
+    flown = evaluate_batch(executor, [bounds.params(point) for point in chosen], seeds.tolist(), progress)
     if flown.failed.any():
-        raise SearchError(f"points: {int(flown.failed.sum())} of {points} flights failed; must be none")
+        raise SearchError(f"points: {int(flown.failed.sum())} of {points} flights failed; it must be none")
     fitness = flown.fitness[:, 0]
     return fitness_components(fitness), fitness
 
@@ -153,16 +153,16 @@ def study(
 def principal_components(
     values: NDArray[np.float64], names: Sequence[str], *, rising: str | None = None
 ) -> PrincipalComponents:
-    """Standardise variables and find their principal components.
+    """Standardise variables and compute their principal components.
 
     Args:
-        values: (n, M), a sample in each row.
-        names: of the M variables.
-        rising: the variable whose weights count as positive; where it has none, and without it, each component's
-            largest weight is positive. (A component is as good as its negative.)
+        values: (n, M), one sample per row.
+        names: (M,), names of the variables.
+        rising: the variable whose weight is made positive in each component. The largest weight is made positive if
+            `rising` is None or its weight is 0. (The sign of a component is arbitrary.)
 
     Raises:
-        SearchError: fewer than two samples, a value that is not finite, or no variable that varies.
+        SearchError: there are fewer than two samples, a value is not finite, or all variables are constant.
     """
     if len(values) < 2:
         raise SearchError(f"samples: {len(values)} are too few: it must be at least 2")
@@ -171,7 +171,7 @@ def principal_components(
     scaler = StandardScaler().fit(values)
     varies = np.ptp(values, axis=0) > 0
     if not varies.any():
-        raise SearchError(f"{', '.join(names)}: none of them varies over the samples; must be at least one")
+        raise SearchError(f"{', '.join(names)}: none of them varies over the samples; it must be at least 1")
     standard = np.where(varies, scaler.transform(values), 0.0)
     fitted = PCA(n_components=min(standard.shape)).fit(standard)
     anchor = list(names).index(rising) if rising else -1
@@ -187,43 +187,43 @@ def principal_components(
 
 
 def _oriented(component: NDArray[np.float64], anchor: int) -> NDArray[np.float64]:
-    """The component or its negative; anchor: the variable whose weight is to be positive, or -1."""
+    """Component with its sign chosen so that the weight of variable `anchor` is positive; -1 for the largest weight."""
     decisive = component[anchor] if anchor >= 0 and abs(component[anchor]) > 1e-9 else 0.0
     decisive = decisive or component[np.argmax(np.abs(component))]
     return np.asarray(component * np.sign(decisive))
 
 
 def fitness_components(fitness: NDArray[np.float64]) -> PrincipalComponents:
-    """The components of the six fitnesses, (n, 6), a flight in each row; the weight of the speed is positive."""
+    """Components of the six fitnesses (n, 6), one flight per row; the weight of the speed is positive."""
     return principal_components(fitness, FITNESS_NAMES, rising="speed")
 
 
 def grouped_by_sign(found: PrincipalComponents, scenario: Scenario | None = None) -> Objectives:
-    """Two objectives: the fitnesses of positive and those of negative weight in the first component.
+    """Two objectives: the fitnesses with positive and those with negative weight in the first component.
 
-    A fitness that never varied is put into the second: as a constant factor it changes no comparison.
+    A constant fitness is put into the second objective: a constant factor changes no comparison.
 
     Args:
-        found: of the six fitnesses.
-        scenario: for which they were found.
+        found: components of the six fitnesses.
+        scenario: the scenario for which they were found.
 
     Raises:
-        SearchError: all weights have one sign, so that there is one group only.
+        SearchError: all weights have the same sign.
     """
     first = tuple(name for name, weight in zip(found.names, found.components[0], strict=True) if weight > 0)
     second = tuple(name for name in found.names if name not in first)
     if set(first) <= set(found.constant) or set(second) <= set(found.constant):
-        raise SearchError("first component: all weights have one sign; must be two for two objectives")
+        raise SearchError("first component: all weights have one sign; it must be two signs for two objectives")
     return Objectives(groups=(first, second), names=("F_1", "F_2"), scenario=scenario)
 
 
 class Agreement(NamedTuple):
-    """How near our components are to the paper's.
+    """Agreement of components with the paper's.
 
     Attributes:
-        cosine: of the angle between the two first components, without its sign.
-        same_signs: whether every fitness has the paper's sign.
-        covariance_error: mean absolute difference of the covariance's 36 elements.
+        cosine: absolute cosine of the angle between the two first components.
+        same_signs: whether the weight of every fitness has the paper's sign.
+        covariance_error: mean absolute difference of the 36 elements of the covariance.
     """
 
     cosine: float
@@ -232,7 +232,7 @@ class Agreement(NamedTuple):
 
 
 def agreement(found: PrincipalComponents) -> Agreement:
-    """Compare the components of the six fitnesses with the paper's."""
+    """Compare components of the six fitnesses with the paper's."""
     first = found.components[0]
     cosine = float(first @ FIRST_COMPONENT / np.linalg.norm(FIRST_COMPONENT))
     return Agreement(

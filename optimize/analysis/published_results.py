@@ -1,4 +1,4 @@
-"""What the paper and its simulator reached: the figures that ours are shown beside.
+"""Published results of the paper and its simulator, for comparison.
 
 Sources: Bansal, Sethi, Anicho and Nagar, Drone Flocking Optimization using NSGA-II and Principal Component Analysis:
 its figure of the PCA matrices and its table of results. The parameters of its points are in
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 FIRST_COMPONENT = np.array([0.191, 0.329, -0.495, -0.285, -0.509, -0.518])
-"""(6,), of the standardised fitnesses of 500 random points; in the order of FITNESS_NAMES."""
+"""(6,), first component of the standardised fitnesses of 500 random points, in the order of FITNESS_NAMES."""
 
 COVARIANCE = np.array(
     [
@@ -24,7 +24,7 @@ COVARIANCE = np.array(
         [-0.131, -0.259, 0.682, 0.204, 0.748, 1.002],
     ]
 )
-"""(6, 6), of the same."""
+"""(6, 6), covariance of the same fitnesses."""
 
 
 class Reached(NamedTuple):
@@ -33,7 +33,7 @@ class Reached(NamedTuple):
     Attributes:
         F_1: (mean, standard deviation).
         F_2: (mean, standard deviation).
-        source: where they are from.
+        source: source of the values.
     """
 
     F_1: tuple[float, float]
@@ -45,11 +45,11 @@ PAPER_RESULTS = {
     "A": Reached((0.890, 0.039), (0.112, 0.090), "the paper's table of results, 100 flights on MOflock"),
     "B": Reached((0.065, 0.039), (0.896, 0.179), "the paper's table of results, 100 flights on MOflock"),
 }
-"""What the paper prints for its two points."""
+"""Results that the paper prints for its two points."""
 
 MOFLOCK_RESULTS = {
     "model_optimum": Reached((0.815, 0.008), (0.881, 0.018), "MOflock, run headless on 4 seeds at a step of 0.1 s"),
     "A": Reached((0.889, 0.039), (0.095, 0.067), "MOflock, run headless on 4 seeds at a step of 0.1 s"),
     "B": Reached((0.063, 0.029), (0.936, 0.025), "MOflock, run headless on 4 seeds at a step of 0.1 s"),
 }
-"""What the paper's simulator gave where it was run for this project."""
+"""Results of the paper's simulator, run for this project."""

@@ -1,4 +1,4 @@
-"""How the six fitnesses depend on the parameters, one at a time and by Sobol indices, and on the scenario."""
+"""Sensitivity of the six fitnesses to the parameters (one at a time, Sobol indices) and to the scenario."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from optimize.evaluation.interface import Evaluator
 from optimize.evaluation.objectives import FITNESS_NAMES
 
 SAMPLES = 64
-"""Base samples of the Sobol indices; each takes D + 2 points."""
+"""Base samples of the Sobol indices; each requires D + 2 points."""
 
 LEVELS = 9
-"""Values of each parameter when it alone is changed."""
+"""Number of values of each parameter in a one-at-a-time study."""
 
 
 class SobolIndices(NamedTuple):
-    """Of M fitnesses to the D parameters; NaN for a fitness that never varied.
+    """Sobol indices of M fitnesses with respect to D parameters; NaN for a constant fitness.
 
     Attributes:
-        first: (M, D), share of the variance that a parameter explains alone.
-        total: (M, D), share that would be left if all but the parameter were known.
-        first_width: (M, D), half width of the 95 % confidence interval, by bootstrap.
-        total_width: (M, D).
-        points: how many were flown.
+        first: (M, D), first-order indices: share of the variance that a parameter alone explains.
+        total: (M, D), total indices: share of the variance that remains if all other parameters are known.
+        first_width: (M, D), half width of the bootstrap 95 % confidence interval of `first`.
+        total_width: (M, D), half width of that of `total`.
+        points: number of points flown.
     """
 
     first: NDArray[np.float64]
@@ -44,12 +44,12 @@ class SobolIndices(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """A point in scenarios that differ in one field.
+    """Fitness of a point in scenarios that differ in one field.
 
     Attributes:
-        field: of the scenario.
-        values: (L,).
-        fitness: (L, S, 6).
+        field: name of the field of the scenario.
+        values: (L,), values of the field, in its unit.
+        fitness: (L, S, 6), fitness of each flight.
     """
 
     field: str
@@ -58,11 +58,11 @@ class Sweep(NamedTuple):
 
 
 class OneAtATime(NamedTuple):
-    """Each parameter through its bounds, the others as in a point.
+    """Fitness along each parameter between its bounds, with the other parameters as in a point.
 
     Attributes:
-        values: (D, L), of each parameter, in its unit.
-        fitness: (D, L, S, 6).
+        values: (D, L), values of each parameter, in its unit.
+        fitness: (D, L, S, 6), fitness of each flight.
     """
 
     values: NDArray[np.float64]
@@ -76,12 +76,12 @@ def one_at_a_time(
     *,
     seeds: tuple[int, ...],
     levels: int = LEVELS,
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> OneAtATime:
-    """Fly a point with each parameter at even levels between its bounds, on the same seeds.
+    """Fly a point with each parameter at equidistant levels between its bounds, on the same seeds.
 
     Raises:
-        SearchError: fewer than two levels or seeds.
+        SearchError: there are fewer than two levels or seeds.
     """
     check_counts(levels=levels, seeds=len(seeds))
     values = np.linspace(bounds.lower, bounds.upper, levels).T
@@ -93,7 +93,7 @@ def one_at_a_time(
         executor,
         [bounds.params(row) for row in points.reshape(-1, len(base))],
         [seeds] * (len(values) * levels),
-        told,
+        progress,
     )
     return OneAtATime(values, flown.fitness.reshape(len(values), levels, len(seeds), -1))
 
@@ -104,12 +104,12 @@ def sobol_indices(
     *,
     samples: int = SAMPLES,
     seed: int = 1,
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> SobolIndices:
     """Fly Saltelli's design over the bounds, one flight per point, all on the same seed.
 
-    On one seed the fitnesses are functions of the parameters alone, which is what the indices are of. Source: Saltelli
-    et al. 2010, Variance based sensitivity analysis of model output (SALib).
+    Sobol indices are defined for functions of the parameters alone, which the fitnesses are on one fixed seed.
+    Source: Saltelli et al. 2010, Variance based sensitivity analysis of model output (SALib).
 
     Raises:
         SearchError: see `check_samples`.
@@ -123,26 +123,26 @@ def sobol_indices(
         "bounds": list(zip(bounds.lower, bounds.upper, strict=True)),
     }
     points = design.sample(problem, samples, calc_second_order=False, seed=seed)
-    flown = evaluate_batch(executor, [bounds.params(point) for point in points], [(seed,)] * len(points), told)
+    flown = evaluate_batch(executor, [bounds.params(point) for point in points], [(seed,)] * len(points), progress)
     return _analysed(problem, flown.fitness[:, 0, : len(FITNESS_NAMES)], seed)
 
 
 def check_samples(samples: int) -> None:
-    """Refuse what no Sobol indices can be had of.
+    """Check the number of base samples, and that SALib is installed.
 
     Raises:
-        SearchError: SALib is not installed, or the samples are no power of two.
+        SearchError: SALib is not installed, or the number of samples is not a power of two.
     """
     if samples < 2 or samples & (samples - 1):
         raise SearchError(f"samples: {samples} is out of bounds: it must be a power of two of at least 2")
     try:
-        import SALib  # noqa: F401, PLC0415 - an extra
+        import SALib  # noqa: F401, PLC0415 - an optional dependency
     except ImportError:
-        raise SearchError("sensitivity: it takes the package SALib: pip install 'moflock-mj[sensitivity]'") from None
+        raise SearchError("sensitivity: it needs the package SALib: pip install 'moflock-mj[sensitivity]'") from None
 
 
 def _analysed(problem: dict[str, Any], fitness: NDArray[np.float64], seed: int) -> SobolIndices:
-    """Indices of outputs (P, M) of the design."""
+    """Sobol indices from the fitnesses (P, M) of the design's points."""
     from SALib.analyze import sobol as analysis  # noqa: PLC0415
 
     unknown = dict.fromkeys(("S1", "ST", "S1_conf", "ST_conf"), np.full(problem["num_vars"], np.nan))
@@ -159,10 +159,10 @@ def _analysed(problem: dict[str, Any], fitness: NDArray[np.float64], seed: int) 
 def swept_scenarios(
     point: NamedTuple, scenario: Scenario, field: str, values: Sequence[float], dynamics: str
 ) -> list[Scenario]:
-    """The scenario with a field at each of the values, in which the point can be flown.
+    """Scenarios with a field at each of the values.
 
     Raises:
-        MoflockError: it cannot.
+        MoflockError: the point cannot be flown in one of them.
     """
     found = [search_scenario(scenario.replace(**{field: value}), dynamics) for value in values]
     for flown in found:
@@ -178,18 +178,18 @@ def sweep(
     *,
     variants: Sequence[int],
     seeds: tuple[int, ...],
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Sweep:
-    """Fly a point in scenarios that differ in a field, on the same seeds.
+    """Fly a point in scenarios that differ in one field, on the same seeds.
 
     Args:
-        executor: of a job whose variants are `swept_scenarios`.
-        point: that is flown.
-        field: of the scenarios.
-        values: (L,), of the field.
-        variants: (L,), the numbers of the job's variants that have them.
-        seeds: of the flights.
-        told: of progress.
+        executor: evaluator of a job whose variants are `swept_scenarios`.
+        point: the point.
+        field: name of the field of the scenarios.
+        values: (L,), values of the field.
+        variants: (L,), indices of the job's variants with these values.
+        seeds: (S,), seeds of the flights at each value.
+        progress: called after each flight.
     """
-    flown = evaluate_batch(executor, [point] * len(values), [seeds] * len(values), told, variants)
+    flown = evaluate_batch(executor, [point] * len(values), [seeds] * len(values), progress, variants)
     return Sweep(field, np.array(values, np.float64), flown.fitness)

@@ -1,4 +1,4 @@
-"""How sure a mean over flights is."""
+"""Confidence intervals of means over flights."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The commands of `moflock` that search and validate; registered by entry point."""
+"""Commands of `moflock` that search and validate, registered as entry points."""

@@ -1,4 +1,4 @@
-"""What a search looks like in a terminal: its progress, its result, JSON."""
+"""Output of searches: progress bars, tables and JSON."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from rich.table import Table
 
 from controllers.policies.registry import values_of
 from moflock_mj.cli.console import stop_on_interrupt
-from optimize.evaluation.batch import ProgressCallback as FlightsTold
+from optimize.evaluation.batch import ProgressCallback as FlightsProgress
 from optimize.search.configuration import Configuration
 from optimize.search.front import ReevaluatedFront
-from optimize.search.search import Progress as Told
+from optimize.search.search import Progress as SearchCallback
 from optimize.search.search import SearchProgress, SearchResult
 from optimize.validation.run import Terminal
 
 
 def new_run_path(algorithm: str) -> Path:
-    """Where a search goes if its user names no directory."""
+    """Default run directory of a search, named after the current time."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     return Path("logs") / f"optimize-{now}-{algorithm}"
 
 
 @contextlib.contextmanager
-def search_progress(configuration: Configuration) -> Iterator[Told]:
-    """A progress bar on stderr, if that is a terminal: generation, flights, hypervolume, rate, time left."""
+def search_progress(configuration: Configuration) -> Iterator[SearchCallback]:
+    """Show a progress bar on stderr, if that is a terminal: generation, flights, hypervolume, rate, time left."""
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
@@ -44,7 +44,7 @@ def search_progress(configuration: Configuration) -> Iterator[Told]:
         task = bar.add_task("first generation", total=configuration.settings.budget, figures="")
         measure = "product" if len(configuration.maximised.names) == 1 else "hypervolume"
 
-        def told(progress: SearchProgress) -> None:
+        def update(progress: SearchProgress) -> None:
             bar.update(
                 task,
                 description=f"generation {progress.generation + 1}",
@@ -52,12 +52,12 @@ def search_progress(configuration: Configuration) -> Iterator[Told]:
                 figures=progress_line(progress, measure),
             )
 
-        yield told
+        yield update
 
 
 @contextlib.contextmanager
-def flights_progress(what: str) -> Iterator[FlightsTold]:
-    """A progress bar on stderr, if that is a terminal: flights, and time left."""
+def flights_progress(title: str) -> Iterator[FlightsProgress]:
+    """Show a progress bar on stderr, if that is a terminal: flights and time left."""
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
@@ -68,7 +68,7 @@ def flights_progress(what: str) -> Iterator[FlightsTold]:
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         # The total is unknown until the first report, which MofNCompleteColumn shows as a question mark.
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(title, total=None)
         yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
@@ -77,7 +77,7 @@ TERMINAL = Terminal(progress=flights_progress, stop=stop_on_interrupt)
 
 
 def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str:
-    """How far a search is, in a line; `measure` is what its hypervolume is called."""
+    """Progress of a search in one line; `measure` is the name of its hypervolume."""
     parts = [] if progress.hypervolume is None else [f"{measure} {progress.hypervolume:.3f}"]
     parts.append(f"{progress.rate:.1f} evaluations/s")
     if progress.seconds_left is not None:
@@ -92,7 +92,7 @@ def progress_line(progress: SearchProgress, measure: str = "hypervolume") -> str
 def print_search(
     result: SearchResult, configuration: Configuration, path: Path, front: ReevaluatedFront | None
 ) -> None:
-    """Print what a search found to stdout: its front as flown on fresh seeds, or, without it, as the search sees it."""
+    """Print a search's front to stdout: on fresh seeds, or as the search estimates it if it was not flown again."""
     console = Console()
     console.print(_flown_table(front) if front else _candidates_table(result, configuration))
     for line in [*_closing_lines(result, configuration, path), *(_front_lines(front, path) if front else [])]:
@@ -100,8 +100,8 @@ def print_search(
 
 
 def _flown_table(front: ReevaluatedFront) -> Table:
-    """The points that remain, with their means and 95 % confidence intervals."""
-    table = Table("point", *front.objectives.names, "flights that failed", title=f"on {len(front.seeds)} fresh seeds")
+    """Table of the points on the front, with means and 95 % confidence intervals."""
+    table = Table("point", *front.objectives.names, "failed flights", title=f"Front on {len(front.seeds)} fresh seeds")
     for column in table.columns[1:]:
         column.justify = "right"
     for number in front.remaining:
@@ -125,20 +125,20 @@ def _candidates_table(result: SearchResult, configuration: Configuration) -> Tab
 def _front_lines(front: ReevaluatedFront, path: Path) -> list[str]:
     return [
         f"hypervolume on {len(front.seeds)} fresh seeds {front.hypervolume:.3f}; "
-        f"{len(front.remaining)} of {len(front.points)} points remain",
+        f"{len(front.remaining)} of {len(front.points)} points are not dominated",
         f"knee: {objectives_line(front, front.knee)}",
         f"next: moflock pick {path} --out point.json; moflock report {path}",
     ]
 
 
 def objectives_line(front: ReevaluatedFront, number: int) -> str:
-    """The objectives of a point of the front, mean and standard deviation from flight to flight."""
+    """Objectives of a point of the front: mean and standard deviation over the flights."""
     triples = zip(front.objectives.names, front.mean[number], front.deviation[number], strict=True)
     return ", ".join(f"{name} {mean:.3f} +- {spread:.3f}" for name, mean, spread in triples)
 
 
 def front_summary(front: ReevaluatedFront) -> dict[str, Any]:
-    """A front as flown on fresh seeds, as JSON values."""
+    """Front on fresh seeds, as JSON values."""
     return {
         "hypervolume": front.hypervolume,
         "seeds": len(front.seeds),
@@ -152,7 +152,7 @@ def front_summary(front: ReevaluatedFront) -> dict[str, Any]:
 
 
 def search_summary(result: SearchResult, configuration: Configuration, path: Path) -> dict[str, Any]:
-    """What a search found, as JSON values."""
+    """Result of a search, as JSON values."""
     figures = {name: value for name, value in result._asdict().items() if name != "front"}
     return {
         "run": str(path),
@@ -175,15 +175,17 @@ def _closing_lines(result: SearchResult, configuration: Configuration, path: Pat
     rate = (result.evaluations - result.replayed) / max(result.seconds, 1e-9)
     lines = [
         f"{result.flights} flights in {result.evaluations} evaluations and {result.generations} generations, "
-        f"{result.seconds:.0f} s ({rate:.1f} evaluations/s); hypervolume as the search estimates it "
+        f"{result.seconds:.0f} s ({rate:.1f} evaluations/s); hypervolume estimated by the search "
         f"{result.hypervolume:.3f}",
     ]
     if result.replayed:
-        lines.append(f"{result.replayed} of the evaluations were in the archive already")
+        lines.append(f"{result.replayed} of the evaluations were read from the archive")
     if result.screened:
-        lines.append(f"{result.screened} flights on point masses told which points to fly on bodies")
+        lines.append(f"{result.screened} flights on point masses screened the offspring")
     if result.infeasible:
-        lines.append(f"{result.infeasible} evaluations were infeasible; the archive's column `outcome` says why")
+        lines.append(
+            f"{result.infeasible} evaluations were infeasible; the column `outcome` of the archive gives the reasons"
+        )
     if not result.complete:
         lines.append(
             f"stopped at {result.flights} of {configuration.settings.budget} flights; go on with --resume {path}"

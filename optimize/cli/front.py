@@ -1,4 +1,4 @@
-"""The commands `moflock pick` and `moflock report`: the front of a search."""
+"""Commands `moflock pick` and `moflock report`: choice of a point, and report of a search."""
 
 from __future__ import annotations
 
@@ -23,18 +23,22 @@ commands = typer.Typer()
 @commands.command("pick", epilog="Example: moflock pick logs/optimize-... --min-f1 0.8 --out point.json")
 def pick_command(
     run: RunPath,
-    weights: Annotated[str | None, typer.Option(help="Of the objectives, such as 1,2: best weighted sum.")] = None,
-    min_f1: Annotated[float | None, typer.Option(help="Best second objective with at least this first one.")] = None,
-    knee: Annotated[bool, typer.Option("--knee", help="The knee of the front, which is the default.")] = False,
+    weights: Annotated[
+        str | None, typer.Option(help="Weights of the objectives, such as 1,2: choose the largest weighted sum.")
+    ] = None,
+    min_f1: Annotated[
+        float | None, typer.Option(help="Least first objective: choose the best second objective among these points.")
+    ] = None,
+    knee: Annotated[bool, typer.Option("--knee", help="Choose the knee of the front (default).")] = False,
     seeds: FrontSeeds = None,
     workers: Workers = CORES,
-    out: Annotated[Path | None, typer.Option(help="Point as .json; stdout if absent.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output file, .json (default: stdout).")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Choose a point of a run's front: JSON that fly and the other verbs take as --point."""
-    asked = {"weights": weights is not None, "min_f1": min_f1 is not None, "knee": knee}
-    if sum(asked.values()) > 1:
-        both = " and ".join(name for name, wanted in asked.items() if wanted)
+    """Choose a point of a run's front and write it as JSON, which `fly --point` and other commands read."""
+    given = {"weights": weights is not None, "min_f1": min_f1 is not None, "knee": knee}
+    if sum(given.values()) > 1:
+        both = " and ".join(name for name, is_given in given.items() if is_given)
         raise SearchError(f"pick: {both} are both given; it must be one of them")
     return pick(
         run,
@@ -50,14 +54,16 @@ def pick_command(
 @commands.command("report", epilog="Example: moflock report logs/optimize-... --compare logs/optimize-...-cmaes")
 def report_command(
     run: RunPath,
-    compare: Annotated[list[Path] | None, typer.Option(help="Another run of the same scenario; may repeat.")] = None,
+    compare: Annotated[
+        list[Path] | None, typer.Option(help="Directory of another run in the same scenario; may be repeated.")
+    ] = None,
     seeds: FrontSeeds = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path | None, typer.Option(help="Folder; RUN/report if absent.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder (default: RUN/report).")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Write a run's report: one HTML page with all figures, and their PNGs."""
+    """Write a report of a run: one HTML page with all figures, and the figures as PNG files."""
     return report(
         run, compared=compare or (), seeds=seeds, workers=workers, scheduler=scheduler, out=out, as_json=as_json
     )
@@ -73,10 +79,10 @@ def pick(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Choose a point of a run's front as flown on fresh seeds, and write it as JSON, to `out` or to stdout.
+    """Choose a point of a run's front on fresh seeds, and write it as JSON to `out` or to stdout.
 
     Raises:
-        MoflockError: no run, no such point, or a file that cannot be written.
+        MoflockError: the run cannot be read, no point meets the conditions, or the file cannot be written.
     """
     from moflock_mj.files import new_file
     from optimize.cli.console import objectives_line
@@ -84,8 +90,8 @@ def pick(
 
     front = _front_of(run, seeds, workers)
     number = choose(front, weights=weights, min_f1=min_f1)
-    asked = {"weights": weights, "min_f1": min_f1}
-    rule = ", ".join(f"{name} {value}" for name, value in asked.items() if value is not None) or "knee"
+    conditions = {"weights": weights, "min_f1": min_f1}
+    rule = ", ".join(f"{name} {value}" for name, value in conditions.items() if value is not None) or "knee"
     text = point_json(front, number, rule=rule)
     if out is None or as_json:
         print(text, end="")
@@ -107,10 +113,10 @@ def report(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Write a run's report, by default into its directory; other runs may be compared.
+    """Write a report of a run, by default into its directory, and compare it with other runs.
 
     Raises:
-        MoflockError: no run, nothing evaluated, or a file that cannot be written.
+        MoflockError: a run cannot be read or has no evaluations, or a file cannot be written.
     """
     from optimize.cli.console import flights_progress, front_summary, objectives_line
     from optimize.evaluation.executors import make_executor
@@ -122,8 +128,8 @@ def report(
         directory = resources.enter_context(RunDirectory.open(run))
         others = [resources.enter_context(RunDirectory.open(other)) for other in compared]
         executor = resources.enter_context(make_executor(directory.configuration.job, workers, scheduler))
-        told = resources.enter_context(flights_progress("front on fresh seeds"))
-        found = gather(directory, executor, compared=others, seeds=seeds, told=told)
+        progress = resources.enter_context(flights_progress("front on fresh seeds"))
+        found = gather(directory, executor, compared=others, seeds=seeds, progress=progress)
     page = write_report(found, out or run / "report")
     front = found.front
     if as_json:
@@ -144,5 +150,5 @@ def _front_of(run: Path, seeds: int | None, workers: int) -> ReevaluatedFront:
     with contextlib.ExitStack() as resources:
         directory = resources.enter_context(RunDirectory.open(run))
         executor = resources.enter_context(make_executor(directory.configuration.job, workers))
-        told = resources.enter_context(flights_progress("front on fresh seeds"))
-        return flown_front(directory, executor, seeds, told)
+        progress = resources.enter_context(flights_progress("front on fresh seeds"))
+        return flown_front(directory, executor, seeds, progress)

@@ -1,4 +1,4 @@
-"""The command `moflock identify`: fit the point mass to an airframe."""
+"""Command `moflock identify`: fit of the point-mass model to an airframe."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ commands = typer.Typer()
 
 @commands.command("identify", epilog="Example: moflock identify x500 --out calibrated.toml")
 def identify_command(
-    airframe: Annotated[str, typer.Argument(help="x500, crazyflie.")],
+    airframe: Annotated[str, typer.Argument(help="Name of the airframe: x500 or crazyflie.")],
     scenario: ScenarioFile = None,
-    out: Annotated[Path | None, typer.Option(help="Scenario with the calibrated point mass, .toml.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Output file for the scenario with the calibrated point mass, .toml.")
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Fit the point mass's tau, a_max and delay to an airframe with its controllers."""
+    """Fit tau, a_max and delay of the point-mass model to an airframe with its controllers."""
     return identify_airframe(given_scenario(scenario, airframe=airframe), out=out, as_json=as_json)
 
 
 def identify_airframe(scenario: Scenario, *, out: Path | None, as_json: bool) -> int:
-    """Identify the scenario's airframe, print what was found; `out`: the scenario with the calibrated point mass.
+    """Identify the scenario's airframe, print the result, and write the calibrated scenario to `out`.
 
     Raises:
-        MoflockError: the airframe is unknown or too weak, or the file cannot be written.
+        MoflockError: the airframe is unknown or has too little thrust, or the file cannot be written.
     """
     from rich.console import Console
 

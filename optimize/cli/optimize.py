@@ -1,4 +1,4 @@
-"""What the commands of `commands` do, from their arguments to what they print."""
+"""Command `moflock optimize`: search of a policy's parameters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ commands = typer.Typer()
 
 
 class Algorithm(enum.StrEnum):
-    """Who searches."""
+    """Search algorithm."""
 
     NSGA2 = "nsga2"
     UNSGA3 = "unsga3"
@@ -40,7 +40,7 @@ class Algorithm(enum.StrEnum):
 
 
 class Noise(enum.StrEnum):
-    """What is done about the scatter from seed to seed."""
+    """Treatment of the noise between seeds."""
 
     REFLY = "refly"
     COMMON = "common"
@@ -55,42 +55,48 @@ _OPTIMIZE_EXAMPLE = (
 
 @commands.command("optimize", epilog=_OPTIMIZE_EXAMPLE)
 def optimize_command(
-    algorithm: Annotated[Algorithm | None, typer.Option(help="Who searches; nsga2 if absent.")] = None,
-    budget: Annotated[int | None, typer.Option(help="Flights; 2000 if absent.")] = None,
-    population: Annotated[int | None, typer.Option(help="Points per generation; 50 if absent.")] = None,
-    seeds: Annotated[int | None, typer.Option(help="Flights per evaluation; 1 if absent.")] = None,
+    algorithm: Annotated[Algorithm | None, typer.Option(help="Search algorithm (default: nsga2).")] = None,
+    budget: Annotated[int | None, typer.Option(help="Number of flights (default: 2000).")] = None,
+    population: Annotated[int | None, typer.Option(help="Points per generation (default: 50).")] = None,
+    seeds: Annotated[int | None, typer.Option(help="Flights per evaluation (default: 1).")] = None,
     noise: Annotated[
-        Noise | None, typer.Option(help="New seeds for each evaluation, common ones, or fixed ones; refly if absent.")
+        Noise | None,
+        typer.Option(help="Seeds: new for each evaluation (refly, default) or generation (common), or fixed."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of the search; 1 if absent.")] = None,
-    dynamics: Annotated[Dynamics | None, typer.Option(help="What moves the drones; point_mass if absent.")] = None,
-    objectives: Annotated[Path | None, typer.Option(help="File that moflock pca wrote; the paper's if absent.")] = None,
-    coverage: Annotated[bool, typer.Option("--coverage", help="Maximise the share of the arena that is seen too.")] = (
+    seed: Annotated[int | None, typer.Option(help="Seed of the search (default: 1).")] = None,
+    dynamics: Annotated[Dynamics | None, typer.Option(help="Model of the drones (default: point_mass).")] = None,
+    objectives: Annotated[
+        Path | None, typer.Option(help="Objectives from moflock pca, .json (default: the paper's).")
+    ] = None,
+    coverage: Annotated[bool, typer.Option("--coverage", help="Also maximise the share of the arena that is seen.")] = (
         False
     ),
-    unbounded: Annotated[bool, typer.Option("--unbounded", help="Let cmaes leave the bounds.")] = False,
+    unbounded: Annotated[bool, typer.Option("--unbounded", help="Allow cmaes to leave the bounds.")] = False,
     screen: Annotated[
-        bool, typer.Option("--screen", help="Fly all that is bred on point masses, and only the promising on bodies.")
+        bool,
+        typer.Option("--screen", help="Fly all offspring as point masses, and the most promising as rigid bodies."),
     ] = False,
     start_from: Annotated[
         list[str] | None,
-        typer.Option(help="Begin with this point or search's front: named, .json, directory; may repeat."),
+        typer.Option(
+            help="Start from a named point, a .json file or the front of a search directory; may be repeated."
+        ),
     ] = None,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
     bounds: BoundsFile = None,
-    timeout: Annotated[float | None, typer.Option(help="Wall time of an evaluation, s; 600 if absent.")] = None,
-    front_seeds: Annotated[int, typer.Option(help="Fresh seeds for the front at the end; 0 for none.", min=0)] = (
-        _FRONT_SEEDS
-    ),
+    timeout: Annotated[float | None, typer.Option(help="Wall time limit of an evaluation, s (default: 600).")] = None,
+    front_seeds: Annotated[
+        int, typer.Option(help="Fresh seeds for the re-evaluation of the front; 0 to skip it.", min=0)
+    ] = _FRONT_SEEDS,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path | None, typer.Option(help="Run directory; a new one in logs/ if absent.")] = None,
-    resume: Annotated[Path | None, typer.Option(help="Go on with this run.", metavar="RUN")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run directory (default: a new one in logs/).")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Resume this run.", metavar="RUN")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Search the 12 parameters, and fly the front that was found again on fresh seeds."""
+    """Search the policy's parameters, and fly the resulting front again on fresh seeds."""
     from optimize.cli.console import new_run_path
 
     if front_seeds == 1:
@@ -134,18 +140,21 @@ def optimize(
     seeds: int,
     as_json: bool,
 ) -> int:
-    """Search, then fly the front again on fresh seeds; Ctrl-C ends it so that it can be resumed.
+    """Search, then fly the front again on fresh seeds. Ctrl-C stops the search, which can be resumed.
 
     Args:
-        path: the run directory: a new one, or with no configuration one that is resumed.
-        configuration: of a new search.
-        workers: local processes.
-        scheduler: address of a Dask scheduler that has the workers instead.
-        seeds: fresh seeds for the front; 0 for none.
+        path: a new run directory, or an existing one if `configuration` is None.
+        configuration: configuration of a new search; None to resume.
+        workers: number of local processes.
+        scheduler: address of a Dask scheduler, which replaces local processes; or None.
+        seeds: number of fresh seeds for the front; 0 to skip it.
         as_json: whether to print JSON.
 
+    Returns:
+        Exit status.
+
     Raises:
-        MoflockError: what was asked for cannot be searched, or written.
+        MoflockError: the configuration is invalid, or a file cannot be read or written.
     """
     from moflock_mj.cli.console import stop_on_interrupt
     from moflock_mj.cli.options import INTERRUPTED
@@ -158,17 +167,17 @@ def optimize(
         if configuration is None:
             run = resources.enter_context(RunDirectory.open(path))
             executor, screening = open_executors(run.configuration, workers, scheduler, resources)
-        else:  # workers first: a search that nobody can fly leaves no directory
+        else:  # the workers first, so that a failure leaves no directory
             executor, screening = open_executors(configuration, workers, scheduler, resources)
             run = resources.enter_context(RunDirectory.create(path, configuration))
         if (damaged := run.count_damaged()) and not as_json:
-            print(f"{damaged} evaluations of the archive are damaged, and are flown again", file=sys.stderr)
+            print(f"{damaged} evaluations of the archive are damaged and will be repeated", file=sys.stderr)
         with search_progress(run.configuration) as progress, stop_on_interrupt() as interrupted:
             result = search(run, executor, progress, interrupted, screening=screening)
         front = None
         if result.complete and seeds:
-            with flights_progress("front on fresh seeds") as told:
-                front = flown_front(run, executor, seeds, told)
+            with flights_progress("front on fresh seeds") as front_progress:
+                front = flown_front(run, executor, seeds, front_progress)
     summary = search_summary(result, run.configuration, path)
     if as_json:
         print(json.dumps(summary | {"flown_front": front_summary(front) if front else None}, indent=1))
@@ -198,11 +207,11 @@ def _configuration(
     flown = search_scenario(given_scenario(scenario, drones=drones, duration=duration), settings.dynamics)
     if settings.screen:
         flown = calibrated(flown)
-    wanted = load_objectives(objectives, flown) if objectives else PAPER
+    maximised = load_objectives(objectives, flown) if objectives else PAPER
     return Configuration(
         scenario=flown,
         bounds=given_bounds(bounds),
-        objectives=wanted.with_coverage() if coverage else wanted,
+        objectives=maximised.with_coverage() if coverage else maximised,
         settings=settings,
         start=tuple(read_points(start_from or [])[0].values()),
     )

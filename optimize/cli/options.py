@@ -1,4 +1,4 @@
-"""The search's verbs of the command `moflock`: their options, and nothing else; what they do is in `verbs`."""
+"""Options that several commands of searches share."""
 
 from __future__ import annotations
 
@@ -15,19 +15,23 @@ if TYPE_CHECKING:
     from moflock_mj.parameters.bounds import ParameterBounds
 
 
-Duration = Annotated[float | None, typer.Option(help="Simulated seconds of each flight.")]
+Duration = Annotated[float | None, typer.Option(help="Duration of each flight, simulated seconds.")]
 
 
-BoundsFile = Annotated[Path | None, typer.Option("--bounds", help="TOML or JSON file; the paper's if absent.")]
+BoundsFile = Annotated[
+    Path | None, typer.Option("--bounds", help="Bounds of the parameters, TOML or JSON file (default: the paper's).")
+]
 
 
-Workers = Annotated[int, typer.Option(help="Local processes.")]
+Workers = Annotated[int, typer.Option(help="Number of local processes.")]
 
 
-Scheduler = Annotated[str | None, typer.Option(help="Fly on a Dask cluster instead, at tcp://host:port.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port, to use instead of local processes.")
+]
 
 
-RunPath = Annotated[Path, typer.Argument(help="A search's directory.", metavar="RUN")]
+RunPath = Annotated[Path, typer.Argument(help="Directory of a search.", metavar="RUN")]
 
 
 CORES = os.cpu_count() or 1
@@ -38,15 +42,17 @@ _FRONT_SEEDS = 100
 
 FrontSeeds = Annotated[
     int | None,
-    typer.Option(help=f"Fly the front again if it has flown fewer fresh seeds; {_FRONT_SEEDS} if it has none.", min=2),
+    typer.Option(
+        help=f"Least number of fresh seeds; a front with fewer is flown again (default: {_FRONT_SEEDS}).", min=2
+    ),
 ]
 
 
 def refuse_with_resume(given: Mapping[str, Any]) -> None:
-    """Refuse what a run that is resumed has of its own already; None for what was not given.
+    """Check that no option is given that a resumed run already has; None stands for an absent option.
 
     Raises:
-        SearchError: something was given.
+        SearchError: an option is given.
     """
     for name, value in given.items():
         if value is not None:
@@ -54,7 +60,7 @@ def refuse_with_resume(given: Mapping[str, Any]) -> None:
 
 
 def given_bounds(path: Path | None) -> ParameterBounds:
-    """The bounds of a file, or the paper's."""
+    """Bounds from a file, or the paper's bounds."""
     from moflock_mj.parameters.bounds import load_bounds, policy_bounds
 
     return load_bounds(path) if path else policy_bounds()
@@ -65,4 +71,4 @@ def numbers_of(name: str, text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise SearchError(f"{name}: {text!r} is of the wrong type: it must be numbers with commas between") from None
+        raise SearchError(f"{name}: {text!r} is of the wrong type: it must be numbers separated by commas") from None

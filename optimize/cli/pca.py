@@ -1,4 +1,4 @@
-"""The command `moflock pca`: group the six fitnesses into objectives."""
+"""Command `moflock pca`: grouping of the six fitnesses into objectives."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ commands = typer.Typer()
 
 
 class Sampling(enum.StrEnum):
-    """How random points are drawn."""
+    """Sampling of random points."""
 
     UNIFORM = "uniform"
     LATIN_HYPERCUBE = "latin_hypercube"
@@ -30,10 +30,10 @@ class Sampling(enum.StrEnum):
 
 @commands.command("pca", epilog="Example: moflock pca --drones 10 --out logs/objectives.json")
 def pca_command(
-    points: Annotated[int, typer.Option(help="Random points to be flown.")] = 500,
-    sampling: Annotated[Sampling, typer.Option(help="How they are drawn.")] = Sampling.UNIFORM,
-    seed: Annotated[int, typer.Option(help="Of points and flights.")] = 1,
-    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.POINT_MASS,
+    points: Annotated[int, typer.Option(help="Number of random points.")] = 500,
+    sampling: Annotated[Sampling, typer.Option(help="Sampling of the points.")] = Sampling.UNIFORM,
+    seed: Annotated[int, typer.Option(help="Seed of the points and their flights.")] = 1,
+    dynamics: Annotated[Dynamics, typer.Option(help="Model of the drones.")] = Dynamics.POINT_MASS,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
@@ -42,13 +42,15 @@ def pca_command(
     scheduler: Scheduler = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Objectives for optimize, .json; a figure and the flights, .flights, go beside it."),
+        typer.Option(
+            help="Output file with objectives for optimize, .json; a figure and the flights are put beside it."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Group the six fitnesses into objectives by principal component analysis.
 
-    Flights are kept beside --out, or in logs/: the same command goes on after Ctrl-C.
+    Flights are archived beside --out or in logs/, so the same command resumes after Ctrl-C.
     """
     return pca(
         scenario=given_scenario(scenario, drones=drones, duration=duration),
@@ -77,13 +79,13 @@ def pca(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Fly random points, analyse their fitnesses, print the matrices.
+    """Fly random points, analyse their fitnesses, and print the matrices.
 
-    `out` gets JSON for `optimize`; a figure and a folder of the flights go beside it. Without it the flights alone
-    are kept, in `logs/`.
+    `out` is a JSON file for `optimize`; a figure and a folder with the flights are put beside it. If it is None, only
+    the flights are stored, in `logs/`.
 
     Raises:
-        MoflockError: what was asked for cannot be flown or written.
+        MoflockError: the points cannot be flown, or a file cannot be written.
     """
     from moflock_mj.files import new_file
     from optimize.analysis.pca import agreement, components_json, grouped_by_sign, study
@@ -98,11 +100,11 @@ def pca(
     scenario = search_scenario(scenario, dynamics)
     job = Job(scenario=scenario, dynamics=dynamics)
     settings = {"dynamics": dynamics, "bounds": bounds.to_dict(), "points": points, "seed": seed, "sampling": sampling}
-    asked = Study(verb="pca", scenario=scenario, settings=settings)
-    folder = out.with_suffix(".flights") if out else asked.default_folder()
-    with open_resumable(asked, folder, job, workers, scheduler) as flights:
-        with flights_progress("random points") as told:
-            found, _ = study(flights, bounds, points=points, seed=seed, sampling=sampling, told=told)
+    request = Study(command="pca", scenario=scenario, settings=settings)
+    folder = out.with_suffix(".flights") if out else request.default_folder()
+    with open_resumable(request, folder, job, workers, scheduler) as flights:
+        with flights_progress("random points") as progress:
+            found, _ = study(flights, bounds, points=points, seed=seed, sampling=sampling, progress=progress)
         objectives = grouped_by_sign(found, scenario)
         if out is not None:
             with new_file(out) as place:
@@ -134,9 +136,10 @@ def _print_components(found: PrincipalComponents, objectives: Objectives, near: 
     for name, group in zip(objectives.names, objectives.groups, strict=True):
         console.print(f"{name} = " + " ".join(f"F_{member}" for member in group), highlight=False)
     for name in found.constant:
-        console.print(f"F_{name} never varied", highlight=False)
-    signs = "the same signs" if near.same_signs else "other signs"
+        console.print(f"F_{name} is constant", highlight=False)
+    signs = "same signs" if near.same_signs else "different signs"
     console.print(
-        f"beside the paper's: cosine {near.cosine:.3f}, {signs}, covariance differs by {near.covariance_error:.3f}",
+        f"compared with the paper: cosine {near.cosine:.3f}, {signs}, "
+        f"mean difference of the covariance {near.covariance_error:.3f}",
         highlight=False,
     )

@@ -1,4 +1,4 @@
-"""What `moflock sensitivity` and `moflock sweep` do, from its arguments to what it prints."""
+"""Commands `moflock sensitivity` and `moflock sweep`: dependence of the fitnesses on parameters and scenario."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ commands = typer.Typer()
 
 @commands.command("sensitivity", epilog="Example: moflock sensitivity knee --samples 64 --out logs/sensitivity")
 def sensitivity_command(
-    point: Annotated[str, typer.Argument(help="Named point or .json file, for one parameter at a time.")] = "knee",
-    samples: Annotated[int, typer.Option(help="Base samples of the Sobol indices; each takes 14 flights.")] = 64,
-    levels: Annotated[int, typer.Option(help="Values of each parameter changed alone.")] = 9,
-    seeds: Annotated[int, typer.Option(help="Flights of each of these values.")] = 10,
-    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.POINT_MASS,
+    point: Annotated[
+        str, typer.Argument(help="Named point or .json file, for the study of one parameter at a time.")
+    ] = "knee",
+    samples: Annotated[int, typer.Option(help="Base samples of the Sobol indices; each requires 14 flights.")] = 64,
+    levels: Annotated[int, typer.Option(help="Number of values of each parameter when one is varied at a time.")] = 9,
+    seeds: Annotated[int, typer.Option(help="Flights at each of these values.")] = 10,
+    dynamics: Annotated[Dynamics, typer.Option(help="Model of the drones.")] = Dynamics.POINT_MASS,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
     bounds: BoundsFile = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of figure, JSON and flights; this study's own in logs/ if absent.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder (default: a folder of this study in logs/).")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Sobol indices of the six fitnesses to the 12 parameters, and one parameter at a time around a point.
+    """Compute Sobol indices of the six fitnesses, and vary one parameter at a time around a point.
 
-    Flights are kept in the folder: the same command goes on after Ctrl-C.
+    Flights are archived in the folder, so the same command resumes after Ctrl-C.
     """
     return sensitivity(
         point,
@@ -77,22 +77,20 @@ def sensitivity_command(
 def sweep_command(
     point: Annotated[str, typer.Argument(help="Named point or .json file.")] = "knee",
     drones: Annotated[str | None, typer.Option(help="Numbers of drones, such as 5,10,30,100.")] = None,
-    t_del: Annotated[str | None, typer.Option(help="Delays of communication, s, such as 0,0.5,1,2.")] = None,
+    t_del: Annotated[str | None, typer.Option(help="Communication delays, s, such as 0,0.5,1,2.")] = None,
     arena_side: Annotated[str | None, typer.Option(help="Sides of the arena, m, such as 200,300,500.")] = None,
-    seeds: Annotated[int, typer.Option(help="Flights of each value.")] = 10,
-    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.POINT_MASS,
+    seeds: Annotated[int, typer.Option(help="Flights at each value.")] = 10,
+    dynamics: Annotated[Dynamics, typer.Option(help="Model of the drones.")] = Dynamics.POINT_MASS,
     scenario: ScenarioFile = None,
     duration: Duration = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of figures, JSON and flights; this study's own in logs/ if absent.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder (default: a folder of this study in logs/).")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Fly a point in scenarios of other sizes, delays and arenas.
+    """Fly a point with several numbers of drones, delays or arena sizes.
 
-    Flights are kept in the folder: the same command goes on after Ctrl-C.
+    Flights are archived in the folder, so the same command resumes after Ctrl-C.
     """
     given = {"drones": drones, "t_del": t_del, "arena_side": arena_side}
     return sweeps(
@@ -122,10 +120,10 @@ def sensitivity(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Fly both studies, print the indices, write JSON and a figure into the folder `out`, where the flights stay.
+    """Fly both studies, print the indices, and write JSON, a figure and the flights into the folder `out`.
 
     Raises:
-        MoflockError: what was asked for cannot be flown or written.
+        MoflockError: the points cannot be flown, or a file cannot be written.
     """
     from rich.console import Console
 
@@ -145,21 +143,21 @@ def sensitivity(
     check_samples(samples)
     check_counts(levels=levels, seeds=seeds)
     job = Job(scenario=search_scenario(scenario, dynamics), dynamics=dynamics)
-    asked = {"samples": samples, "levels": levels, "seeds": seeds}
+    sizes = {"samples": samples, "levels": levels, "seeds": seeds}
     settings = {
         "policy": spec_of(params).name,
         "point": values_of(params),
         "dynamics": dynamics,
         "bounds": bounds.to_dict(),
-        **asked,
+        **sizes,
     }
-    study = Study(verb="sensitivity", scenario=job.scenario, settings=settings)
+    study = Study(command="sensitivity", scenario=job.scenario, settings=settings)
     out = out or study.default_folder()
     with open_resumable(study, out, job, workers, scheduler) as flights:
-        with flights_progress("Sobol indices") as told:
-            indices = sobol_indices(flights, bounds, samples=samples, told=told)
-        with flights_progress("one at a time") as told:
-            along = one_at_a_time(flights, params, bounds, seeds=fresh_seeds(seeds), levels=levels, told=told)
+        with flights_progress("Sobol indices") as progress:
+            indices = sobol_indices(flights, bounds, samples=samples, progress=progress)
+        with flights_progress("one at a time") as progress:
+            along = one_at_a_time(flights, params, bounds, seeds=fresh_seeds(seeds), levels=levels, progress=progress)
         content = json.dumps(_content(point, params, indices, along, seeds), indent=1) + "\n"
         with new_file(out / "sensitivity.json") as place:
             place.write_text(content, encoding="utf-8")
@@ -186,10 +184,10 @@ def sweeps(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Fly a point over values of scenario fields; print means, write figures and JSON into `out`, with the flights.
+    """Fly a point over values of scenario fields, print the means, and write JSON, figures and flights into `out`.
 
     Raises:
-        MoflockError: what was asked for cannot be flown or written.
+        MoflockError: the points cannot be flown, or a file cannot be written.
     """
     from rich.console import Console
 
@@ -219,15 +217,17 @@ def sweeps(
         "seeds": seeds,
         "sweeps": dict(fields),
     }
-    study = Study(verb="sweep", scenario=scenario, settings=settings)
+    study = Study(command="sweep", scenario=scenario, settings=settings)
     out = out or study.default_folder()
     number = itertools.count()
     found = []
     with open_resumable(study, out, job, workers, scheduler) as flights:
         for name, values in fields.items():
             own = [next(number) for _ in values]
-            with flights_progress(name) as told:
-                found.append(sweep(flights, params, name, values, variants=own, seeds=fresh_seeds(seeds), told=told))
+            with flights_progress(name) as progress:
+                found.append(
+                    sweep(flights, params, name, values, variants=own, seeds=fresh_seeds(seeds), progress=progress)
+                )
             save(partial(sweep_figure, found[-1], _field_unit(name)), out / f"{name}.png")
         swept = {one.field: {"values": list(fields[one.field]), "fitness": one.fitness.tolist()} for one in found}
         content = {"point": point, "dynamics": dynamics, "seeds": list(fresh_seeds(seeds)), "sweeps": swept}
@@ -251,7 +251,7 @@ def _field_unit(name: str) -> str:
 
 
 def _means(found: Sweep) -> Words:
-    """Values down, fitnesses across."""
+    """Table with a row for each value and a column for each fitness."""
     from optimize.analysis.statistics import half_width
     from optimize.evaluation.objectives import FITNESS_NAMES
     from optimize.reports.tables import Words
@@ -291,7 +291,7 @@ def _lists(values: NDArray[np.float64]) -> list[list[float | None]]:
 
 
 def _table(title: str, names: Sequence[str], values: NDArray[np.float64], widths: NDArray[np.float64]) -> Words:
-    """Parameters down, fitnesses across."""
+    """Table with a row for each parameter and a column for each fitness."""
     from optimize.evaluation.objectives import FITNESS_NAMES
     from optimize.reports.tables import Words
 

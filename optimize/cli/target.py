@@ -1,4 +1,4 @@
-"""The command `moflock target`: fly a flock to a target."""
+"""Command `moflock target`: tracking of a target by a flock."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ commands = typer.Typer()
 @commands.command("target", epilog="Example: moflock target A B --at 250,250 --picture target.png")
 def target_command(
     points: Annotated[list[str], typer.Argument(help="Named points or .json files.", metavar="POINT...")],
-    at: Annotated[str, typer.Option(help="Where the target stands, x,y in m.")] = "250,250",
-    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.POINT_MASS,
+    at: Annotated[str, typer.Option(help="Position of the target, x,y in m.")] = "250,250",
+    dynamics: Annotated[Dynamics, typer.Option(help="Model of the drones.")] = Dynamics.POINT_MASS,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
-    seed: Annotated[int, typer.Option(help="Of all random numbers.")] = 1,
-    picture: Annotated[Path | None, typer.Option(help="Figure of distance over time with the fitted sine.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    picture: Annotated[
+        Path | None, typer.Option(help="Output file for a figure of the distance over time and the fitted sine, .png.")
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly flocks around a target and fit the oscillation of their distance to it."""
@@ -56,10 +58,10 @@ def target(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Fly flocks around a target, print the fitted sines; `out`: a figure of them, .png.
+    """Fly flocks around a target, print the fitted sines, and write a figure of them to `out`, .png.
 
     Raises:
-        MoflockError: what was asked for cannot be flown or written.
+        MoflockError: a flock cannot be flown, or the file cannot be written.
     """
     from rich.console import Console
     from rich.table import Table
@@ -83,8 +85,8 @@ def target(
         print(json.dumps({"target": list(place), "dynamics": dynamics, "seed": seed, "flocks": figures}, indent=1))
         return 0
     table = Table("point", "amplitude, m", "omega, rad/s", "offset, m", "residual, m", "F_target, rad/(s m)")
-    for facts in figures:
+    for result_row in figures:
         columns = ("amplitude", "omega", "offset", "residual", "F_target")
-        table.add_row(str(facts["point"]), *(f"{facts[name]:.4g}" for name in columns))
+        table.add_row(str(result_row["point"]), *(f"{result_row[name]:.4g}" for name in columns))
     Console().print(table)
     return 0

@@ -1,4 +1,4 @@
-"""What `moflock validate` and `moflock identify` do, from its arguments to what it prints."""
+"""Command `moflock validate`: flights of points as point masses and as rigid bodies."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ _VALIDATE_EXAMPLE = "Example: moflock validate A knee logs/optimize-... --seeds 
 @commands.command("validate", epilog=_VALIDATE_EXAMPLE)
 def validate_command(
     points: Annotated[
-        list[str] | None, typer.Argument(help="Named points, .json files, searches' directories.", metavar="POINT...")
+        list[str] | None, typer.Argument(help="Named points, .json files or search directories.", metavar="POINT...")
     ] = None,
-    seeds: Annotated[int | None, typer.Option(help="Flights of each point on each dynamics; 20 if absent.")] = None,
-    faults: Annotated[bool, typer.Option("--faults", help="Fly the standard faults on bodies too.")] = False,
-    fault_seeds: Annotated[int | None, typer.Option(help="Flights of each point with each fault; 5 if absent.")] = None,
+    seeds: Annotated[int | None, typer.Option(help="Flights of each point with each dynamics (default: 20).")] = None,
+    faults: Annotated[bool, typer.Option("--faults", help="Also fly the standard faults as rigid bodies.")] = False,
+    fault_seeds: Annotated[int | None, typer.Option(help="Flights of each point with each fault (default: 5).")] = None,
     scenario: ScenarioFile = None,
     drones: Drones = None,
     duration: Duration = None,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
-    out: Annotated[Path | None, typer.Option(help="Directory; a new one in logs/ if absent.")] = None,
-    resume: Annotated[Path | None, typer.Option(help="Go on with this validation.", metavar="RUN")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output directory (default: a new one in logs/).")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Resume this validation.", metavar="RUN")] = None,
     logs: Annotated[bool, typer.Option(help="Log the worst seed of each point.")] = True,
     as_json: AsJson = False,
 ) -> int:
-    """Fly points on point masses and on rigid bodies, and say which are safe to fly and which faults they survive."""
+    """Fly points as point masses and as rigid bodies, and report which are safe and which faults they survive."""
     from optimize.validation.validation import FAULT_SEEDS, make_settings
 
     if resume is not None:
@@ -59,27 +59,27 @@ def validate_command(
     else:
         flown = given_scenario(scenario, drones=drones, duration=duration)
         count = _SEEDS if seeds is None else seeds
-        wanted = fault_seeds if fault_seeds is not None else min(FAULT_SEEDS, count) * faults
-        settings = make_settings(flown, points or [], count, wanted)
+        fault_count = fault_seeds if fault_seeds is not None else min(FAULT_SEEDS, count) * faults
+        settings = make_settings(flown, points or [], count, fault_count)
         path = out or new_validation_path()
     return validate(path, settings, workers=workers, scheduler=scheduler, logs=logs, as_json=as_json)
 
 
 def new_validation_path() -> Path:
-    """A directory in logs/ that is named for now."""
+    """Default directory of a validation, named after the current time."""
     return Path("logs") / f"validate-{datetime.datetime.now().astimezone():%Y%m%d-%H%M%S}"
 
 
 def validate(
     path: Path, settings: ValidationConfig | None, *, workers: int, scheduler: str | None, logs: bool, as_json: bool
 ) -> int:
-    """Fly points on both dynamics, judge them, and write all that was found; Ctrl-C ends it so that it can be resumed.
+    """Fly points with both dynamics, and write verdicts, tables and a figure. Ctrl-C stops; it can be resumed.
 
     Args:
-        path: a new directory, or with no settings one that is resumed.
-        settings: of a new validation.
-        workers: local processes.
-        scheduler: address of a Dask scheduler that has the workers instead.
+        path: a new directory, or an existing one if `settings` is None.
+        settings: settings of a new validation; None to resume.
+        workers: number of local processes.
+        scheduler: address of a Dask scheduler, which replaces local processes; or None.
         logs: whether the worst seed of each point is logged.
         as_json: whether to print JSON.
 
@@ -87,7 +87,7 @@ def validate(
         Exit status: 0, or 1 if a point is unsafe.
 
     Raises:
-        MoflockError: what was asked for cannot be flown or written.
+        MoflockError: the points cannot be flown, or a file cannot be written.
     """
     from moflock_mj.cli.options import INTERRUPTED
     from moflock_mj.metrics.verdict import UNSAFE
@@ -100,7 +100,7 @@ def validate(
         if settings is None:
             run = resources.enter_context(ValidationDirectory.open(path))
             executors = open_executors(run.settings, workers, scheduler, resources)
-        else:  # workers first: what nobody can fly leaves no directory
+        else:  # the workers first, so that a failure leaves no directory
             settings.check_flyable()
             executors = open_executors(settings, workers, scheduler, resources)
             run = resources.enter_context(ValidationDirectory.create(path, settings))
@@ -117,7 +117,7 @@ def validate(
 
 
 def print_validation(found: Validation, logs: Mapping[str, Path], path: Path) -> None:
-    """Print the tables and where the rest is."""
+    """Print the tables, the verdicts and the path of the page."""
     from rich.console import Console
 
     from optimize.reports.tables import rich_table

@@ -1,1 +1,1 @@
-"""What one parameter set is worth: flights, objectives, executors, archive."""
+"""Evaluation of parameter sets: flights, objectives, executors and archive."""

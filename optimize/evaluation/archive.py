@@ -1,7 +1,8 @@
-"""A directory of evaluations, such as a search's: a configuration, and an archive of one row each that survives kills.
+"""Run directory with a configuration and an archive of evaluations that survives a killed process.
 
-The archive is SQLite with a write-ahead log: each evaluation is committed when it comes, a killed process loses none
-that was, and the file can be read while the search runs. Each row carries a checksum, which SQLite's pages lack.
+The archive is an SQLite database with a write-ahead log, one row per evaluation. Each evaluation is committed when it
+ends, so a killed process loses no committed row, and the file can be read while the search runs. Each row carries a
+checksum, because SQLite's pages have none.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from optimize.evaluation.evaluation import Evaluation
 
 
 def _columns(policy: PolicySpec) -> tuple[str, ...]:
-    """The columns of the table of evaluations."""
+    """Column definitions of the table of evaluations."""
     return (
         "number INTEGER PRIMARY KEY",
         "generation INTEGER NOT NULL",
@@ -48,20 +49,20 @@ def _columns(policy: PolicySpec) -> tuple[str, ...]:
 
 
 Read = TypeVar("Read")
-"""What is made of a directory's configuration."""
+"""Type that `read_directory` returns."""
 
 
 _SMALLEST_ROW = 100
-"""Bytes; the numbers and texts of an evaluation take more."""
+"""Lower bound of the size of an evaluation's row, bytes."""
 
 
 class Entry(NamedTuple):
     """A row of the archive.
 
     Attributes:
-        generation: of the algorithm, from 0.
-        evaluation: what was flown.
-        flown_at: s since 1970.
+        generation: generation of the algorithm, from 0.
+        evaluation: the archived evaluation.
+        flown_at: time at which the evaluation was committed, s since 1970.
     """
 
     generation: int
@@ -70,16 +71,16 @@ class Entry(NamedTuple):
 
 
 class Archive:
-    """A directory with the evaluations flown so far; close it, or use it in a `with`.
+    """Directory with the evaluations so far; close it, or use it in a `with` statement.
 
     Args:
         path: the directory.
         policy: the policy whose parameters are evaluated.
-        database: the archive's file in it.
+        database: file name of the archive in the directory.
 
     Attributes:
         path: the directory.
-        damaged: number of rows that could not be read when it was opened; who resumes flies them again.
+        damaged: number of damaged rows found by `count_damaged`; a resumed search evaluates them again.
     """
 
     def __init__(self, path: Path, policy: PolicySpec, database: str = "archive.sqlite") -> None:
@@ -93,10 +94,10 @@ class Archive:
             self._connection = self._connect()
 
     def repair(self) -> None:
-        """Replace a damaged archive by one of its intact rows; the damaged one stays beside it.
+        """Replace a damaged archive by a new one with its intact rows; the damaged file is kept as `.damaged`.
 
         Raises:
-            SearchError: it cannot be written.
+            SearchError: the archive cannot be written.
         """
         if not self.damaged:
             return
@@ -112,30 +113,30 @@ class Archive:
         self.damaged = 0
 
     def append(self, evaluation: Evaluation, generation: int) -> None:
-        """Commit one evaluation; a row of the same number is replaced.
+        """Commit one evaluation; a row with the same number is replaced.
 
         Raises:
-            SearchError: it cannot be written, such as on a full disk; what was committed before stays.
+            SearchError: the row cannot be written, for example because the disk is full; earlier rows are kept.
         """
         row = _row_of(Entry(generation, evaluation, time.time()))
         with _as_search_error(self._database), self._connection:
             self._connection.execute(self._insert, row)
 
     def entries(self) -> Iterator[Entry]:
-        """The intact rows in the order of their numbers."""
+        """Intact rows, in the order of their numbers."""
         with _as_search_error(self._database):
             yield from self._intact()
 
     def evaluations(self, generation: int | None = None) -> list[Evaluation]:
-        """The intact evaluations in the order of their numbers, of all generations or of one."""
+        """Intact evaluations of one generation, or of all, in the order of their numbers."""
         return [entry.evaluation for entry in self.entries() if generation in (None, entry.generation)]
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other commands off this directory.
+        """Hold an exclusive lock on this directory.
 
         Raises:
-            SearchError: another one is on it.
+            SearchError: another command holds the lock.
         """
         folder = os.open(self.path, os.O_RDONLY)
         try:
@@ -147,17 +148,17 @@ class Archive:
             os.close(folder)
 
     def close(self) -> None:
-        """Close the archive, which becomes one file."""
+        """Close the archive; SQLite then merges the write-ahead log into the file."""
         self._connection.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *problem: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def count_damaged(self) -> int:
-        """Count the rows that are there and cannot be trusted, as far as can be told."""
+        """Count the damaged rows (at least 1 if SQLite cannot), set `damaged` to their number and return it."""
         with _as_search_error(self._database):
             intact = sum(1 for _ in self._intact())
             try:
@@ -171,8 +172,8 @@ class Archive:
         connection = sqlite3.connect(self._database, timeout=10)
         try:
             connection.execute("PRAGMA journal_mode=WAL")
-            # The log is then synced when it is folded into the file: a killed program loses nothing, a power cut
-            # at most the last rows, which are flown again.
+            # The log is synced only when it is merged into the file: a killed process loses no row, a power cut at
+            # most the last rows, which are evaluated again.
             connection.execute("PRAGMA synchronous=NORMAL")
             connection.execute(f"CREATE TABLE IF NOT EXISTS evaluations ({', '.join(_columns(self._policy))})")
             connection.commit()
@@ -182,18 +183,18 @@ class Archive:
         return connection
 
     def _rows(self) -> Iterator[tuple[Any, ...]]:
-        """All rows that SQLite can still read, in the order of their numbers."""
+        """Rows that SQLite can still read, in the order of their numbers."""
         select = f"SELECT {', '.join(self._names)} FROM evaluations"
         try:
             yield from self._connection.execute(f"{select} ORDER BY number").fetchall()
         except sqlite3.DatabaseError:
-            # A damaged page ends the scan; each row by itself is found unless it, or the way to it, is damaged.
+            # A damaged page ends a scan, but single rows outside it can still be read.
             for number in range(self._max_rows()):
                 with contextlib.suppress(sqlite3.DatabaseError):
                     yield from self._connection.execute(f"{select} WHERE number = ?", (number,)).fetchall()
 
     def _max_rows(self) -> int:
-        """More rows than the file can hold."""
+        """Upper bound of the number of rows that the file can hold."""
         return self._database.stat().st_size // _SMALLEST_ROW + 1
 
     def _intact(self) -> Iterator[Entry]:
@@ -201,56 +202,56 @@ class Archive:
 
 
 def write_directory(path: Path, scenario: Scenario, configuration: str) -> None:
-    """Make a new directory with a scenario, `scenario.toml`, and a configuration, `configuration.json`.
+    """Create a directory with a scenario, `scenario.toml`, and a configuration, `configuration.json`.
 
     Raises:
-        SearchError: there is something already, or it cannot be written.
+        SearchError: the directory is not empty or cannot be written.
     """
     check_new(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
         _write(path / "scenario.toml", scenario.to_toml())
         _write(path / "configuration.json", configuration)
-    except OSError as problem:
-        raise SearchError(f"run directory {path}: {problem.strerror}") from None
+    except OSError as error:
+        raise SearchError(f"run directory {path}: {error.strerror}") from None
 
 
 def check_new(path: Path) -> None:
-    """Refuse a directory that has something in it.
+    """Check that a path is an empty directory or does not exist.
 
     Raises:
-        SearchError: it has, or is no directory.
+        SearchError: the directory is not empty, or the path is not a directory.
     """
     try:
         if path.exists() and any(path.iterdir()):
-            raise SearchError(f"run directory {path}: it is not empty; it must be new, or be resumed")
-    except OSError as problem:
-        raise SearchError(f"run directory {path}: {problem.strerror}") from None
+            raise SearchError(f"run directory {path}: it is not empty; it must be new or be resumed")
+    except OSError as error:
+        raise SearchError(f"run directory {path}: {error.strerror}") from None
 
 
 def is_directory(path: Path) -> bool:
-    """Whether `write_directory` has been here."""
+    """Whether the path is a directory that `write_directory` created."""
     return (path / "configuration.json").is_file()
 
 
 def read_directory(path: Path, read: Callable[[str, str], Read]) -> Read:
-    """What `read` makes of the configuration and the scenario that `write_directory` wrote.
+    """Return `read(configuration, scenario)` for the two texts that `write_directory` wrote.
 
     Raises:
-        SearchError: there are none, or they cannot be read.
+        SearchError: the files are missing or cannot be read.
     """
     if not is_directory(path):
-        raise SearchError(f"run directory {path}: it must hold a configuration.json, and does not")
+        raise SearchError(f"run directory {path}: it must hold a configuration.json")
     try:
         return read(
             (path / "configuration.json").read_text(encoding="utf-8"),
             (path / "scenario.toml").read_text(encoding="utf-8"),
         )
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "it is not UTF-8 text"
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise SearchError(f"run directory {path}: {reason}") from None
-    except MoflockError as problem:
-        raise SearchError(f"run directory {path}: {problem}") from None
+    except MoflockError as error:
+        raise SearchError(f"run directory {path}: {error}") from None
 
 
 def _row_of(entry: Entry) -> tuple[Any, ...]:
@@ -272,7 +273,7 @@ def _row_of(entry: Entry) -> tuple[Any, ...]:
 
 
 def _entry_of(row: tuple[Any, ...], policy: PolicySpec) -> Entry | None:
-    """A row's entry; None if the row is not as it was written."""
+    """Entry of a row; None if the checksum does not match."""
     *values, checksum = row
     if _checksum(values) != checksum:
         return None
@@ -302,7 +303,7 @@ def _without_nan(array: NDArray[np.float64]) -> list[list[float | None]]:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file that appears whole or not at all."""
+    """Write a file atomically."""
     part = path.with_name(f".{path.name}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
@@ -312,15 +313,15 @@ def _write(path: Path, text: str) -> None:
 def _as_search_error(path: Path) -> Iterator[None]:
     try:
         yield
-    except sqlite3.Error as problem:
-        raise SearchError(f"archive {path}: {problem}") from None
-    except OSError as problem:
-        raise SearchError(f"archive {path}: {problem.strerror}") from None
+    except sqlite3.Error as error:
+        raise SearchError(f"archive {path}: {error}") from None
+    except OSError as error:
+        raise SearchError(f"archive {path}: {error.strerror}") from None
 
 
 _LIBRARIES = ("moflock-mj", "numpy", "pymoo", "cma")
 
 
 def installed_versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
-    """Versions of what a search's result depends on, or of other libraries."""
+    """Installed versions of the libraries; by default those on which a search's result depends."""
     return {name: importlib.metadata.version(name) for name in libraries}

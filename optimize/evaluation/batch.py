@@ -1,4 +1,4 @@
-"""Many points flown on given seeds, outside of any search."""
+"""Evaluation of a batch of points on given seeds, outside a search."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from optimize.evaluation.evaluation import OK, Evaluation, EvaluationTask
 from optimize.evaluation.interface import Evaluator
 
 ProgressCallback = Callable[[int, int], None]
-"""Told, after each flight, how many of how many are done."""
+"""Callback after each flight, with the number of finished flights and their total number."""
 
 
 class FlownPoints(NamedTuple):
-    """Flights of n points, S each.
+    """Results of n points, each with S flights.
 
     Attributes:
-        fitness: (n, S, 6), or (n, S, 7) with coverage; 0, the worst, where a flight failed.
-        figures: (n, S, F), in the order of FIGURE_NAMES; NaN where there are none.
-        failed: (n,), how many of its flights failed.
+        fitness: (n, S, 6), or (n, S, 7) with coverage; 0 (the worst value) for failed flights.
+        figures: (n, S, F), in the order of FIGURE_NAMES; NaN where not available.
+        failed: (n,), number of failed flights of each point.
     """
 
     fitness: NDArray[np.float64]
@@ -34,20 +34,20 @@ def evaluate_batch(
     executor: Evaluator,
     points: Sequence[NamedTuple],
     seeds: Sequence[Sequence[int]],
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
     variants: Sequence[int] = (),
 ) -> FlownPoints:
     """Fly each point once on each of its seeds.
 
     Args:
-        executor: flies; its answers may come in any order.
-        points: n parameter sets, each in its policy's own type.
-        seeds: (n, S), those of each point.
-        told: of progress.
-        variants: which of the job's variants each point flies; none for its own scenario.
+        executor: evaluator; its results may come in any order.
+        points: n parameter sets, each of its policy's parameter type.
+        seeds: (n, S), seeds of each point.
+        progress: called after each flight.
+        variants: (n,), index of each point's variant of the job's scenario; empty for the job's own scenario.
     """
     shape = (len(points), len(seeds[0]))
-    # One flight in each task: the workers are then busy to the end, and progress is smooth.
+    # One flight per task keeps all workers busy until the end and makes progress smooth.
     tasks = []
     for number, seed in enumerate(seed for row in seeds for seed in row):
         point = number // shape[1]
@@ -56,8 +56,8 @@ def evaluate_batch(
     flown: dict[int, Evaluation] = {}
     for evaluation in executor.evaluate(tasks):
         flown[evaluation.number] = evaluation
-        if told:
-            told(len(flown), len(tasks))
+        if progress:
+            progress(len(flown), len(tasks))
     ordered = [flown[task.number] for task in tasks]
     fitness = np.array([evaluation.fitness[0] for evaluation in ordered])
     failed = np.array([evaluation.outcome != OK for evaluation in ordered])
@@ -66,10 +66,10 @@ def evaluate_batch(
 
 
 def check_counts(**counts: int) -> None:
-    """Refuse what is fewer than two.
+    """Check that each count is at least two.
 
     Raises:
-        SearchError: one line.
+        SearchError: a count is less than two.
     """
     for name, count in counts.items():
         if count < 2:
@@ -77,7 +77,7 @@ def check_counts(**counts: int) -> None:
 
 
 def fresh_seeds(count: int, used: Collection[int] = ()) -> tuple[int, ...]:
-    """The first `count` whole numbers from 1 that are not among the used ones."""
+    """Return the `count` smallest positive integers that are not used yet."""
     found: list[int] = []
     seed, taken = 1, set(used)
     while len(found) < count:

@@ -1,4 +1,4 @@
-"""Coverage: how much of the arena a flock has seen."""
+"""Coverage: the share of the arena that a flock has seen."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from controllers.compiling import entry_kernel
 from moflock_mj.world.arena import Arena
 
 CELL = 10.0
-"""Side of a cell, m, for arenas that are a multiple of it."""
+"""Approximate side of a cell, m; exact for arenas whose sides are a multiple of it."""
 
 SIGHT = 25.0
-"""A cell is seen when a drone comes this close to its centre, m, horizontally."""
+"""Horizontal distance from a drone to a cell's centre within which the cell counts as seen, m."""
 
 
 def coverage(position: NDArray[np.float64], arena: Arena) -> NDArray[np.float64]:
-    """Share of the arena's cells that have been seen, over time.
+    """Share of the arena's cells seen so far, at each sample.
 
     Args:
         position: (T, N, 3), m, world, as `flight.samples.position`.
-        arena: its bounding box is cut into equal cells of about CELL; those whose centres are inside count.
+        arena: its bounding box is divided into equal cells of about CELL; those with a centre inside the arena count.
 
     Returns:
-        (T,), never falling, in [0, 1]; the last value is the flight's coverage.
+        (T,), non-decreasing, in [0, 1]; the last value is the flight's coverage.
     """
     half = np.array(arena.extent())
     cells = np.maximum(np.round(2 * half / CELL).astype(np.int64), 1)
@@ -44,14 +44,14 @@ def _see(
     seen: NDArray[np.bool_],
     share: NDArray[np.float64],
 ) -> None:
-    """Mark what each sample sees.
+    """Mark the cells seen in each sample.
 
     Args:
         position: (T, N, 3), m.
-        half: (2,), m, half sides of the box that is cut into cells.
-        sight: m.
-        seen: (A, B), true for cells that do not count; written.
-        share: (T,), written.
+        half: (2,), m, half sides of the box that is divided into cells.
+        sight: m, see SIGHT.
+        seen: (A, B), true for cells that do not count; updated in place.
+        share: (T,), output: share of the cells seen so far.
     """
     rows, columns = seen.shape
     row_side, column_side = 2 * half[0] / rows, 2 * half[1] / columns
@@ -61,7 +61,7 @@ def _see(
         for i in range(position.shape[1]):
             x = position[k, i, 0] + half[0]
             y = position[k, i, 1] + half[1]
-            # Cells whose centres, at (c + 1/2) side, lie within a square of half side `sight` around the drone.
+            # Cells with a centre, at (c + 1/2) side, in a square of half side `sight` around the drone.
             first_row = max(math.ceil((x - sight) / row_side - 0.5), 0)
             last_row = min(math.floor((x + sight) / row_side - 0.5), rows - 1)
             first_column = max(math.ceil((y - sight) / column_side - 0.5), 0)

@@ -1,4 +1,4 @@
-"""Workers on many machines: the same evaluations on a Dask distributed cluster (the extra `cluster`)."""
+"""Executor with the workers of a Dask cluster (the extra `cluster`)."""
 
 from __future__ import annotations
 
@@ -12,52 +12,52 @@ from optimize.evaluation.evaluation import Evaluation, EvaluationTask, Job, eval
 from optimize.evaluation.interface import ATTEMPTS
 
 _CONNECT_SECONDS = 5.0
-"""A scheduler that has not answered by then counts as unreachable."""
+"""Time limit for a connection to the scheduler, s."""
 
 _START_SECONDS = 120.0
-"""Time for a first worker to appear and to fly its first flight, which may have to be compiled."""
+"""Time limit for a first worker to join and fly a first flight, compilation included, s."""
 
 
 class DaskExecutor:
-    """The workers of a Dask scheduler. A task whose worker is lost is given to another one by the scheduler.
+    """Executor on the workers of a Dask scheduler, which moves the tasks of a lost worker to another one.
 
-    A worker that does not end its evaluation in time notices by itself; Dask cannot break it off.
+    Each worker enforces the time limit of an evaluation itself, because Dask cannot interrupt a running task.
 
     Args:
-        job: what is the same for all evaluations.
-        address: of the scheduler, such as tcp://host:8786.
+        job: common settings of all evaluations.
+        address: address of the scheduler, such as tcp://host:8786.
 
     Raises:
-        SearchError: `distributed` is not installed, or the scheduler or a worker of it cannot be reached, or the
-            worker lacks this package.
+        SearchError: `distributed` is not installed, the scheduler or its workers cannot be reached, or the workers
+            lack this package.
         MoflockError: the job cannot be flown.
     """
 
     def __init__(self, job: Job, address: str) -> None:
         try:
-            import distributed  # noqa: PLC0415 - an extra
+            import distributed  # noqa: PLC0415 - an optional dependency
         except ImportError:
             raise SearchError(
-                "scheduler: it takes the package distributed: pip install 'moflock-mj[cluster]'"
+                "scheduler: it needs the package distributed: pip install 'moflock-mj[cluster]'"
             ) from None
         self._job = job
         self._as_completed = distributed.as_completed
         try:
             self._client: Any = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-        except Exception as problem:  # by what is wrong with the address, it raises nearly anything
-            reason = str(problem) or type(problem).__name__
+        except Exception as error:  # an unusable address raises many different types
+            reason = str(error) or type(error).__name__
             raise SearchError(
                 f"scheduler {address}: cannot be reached within {_CONNECT_SECONDS:g} s: {reason}"
             ) from None
         try:
-            self._meet_workers(address)
+            self._check_workers(address)
         except BaseException:
             self.close()
             raise
 
     @property
     def workers(self) -> int:
-        """Threads of all workers of the cluster by now."""
+        """Current number of threads of all workers of the cluster."""
         return max(sum(map(int, self._client.nthreads().values())), 1)
 
     def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
@@ -69,24 +69,24 @@ class DaskExecutor:
         try:
             for future in completed:
                 task, attempt = futures.pop(future)
-                answer = _answer_of(future)
-                if isinstance(answer, Evaluation):
-                    yield answer
+                result = _result_of(future)
+                if isinstance(result, Evaluation):
+                    yield result
                 elif self._client.status != "running":
-                    raise SearchError("scheduler: it is gone; the archive has what was flown until now")
+                    raise SearchError("scheduler: it is gone; the archive holds all evaluations made until now")
                 elif attempt < ATTEMPTS:
                     again = self._submit(task)
                     futures[again] = (task, attempt + 1)
                     completed.add(again)
                 else:
-                    yield infeasible(self._job, task, answer, worker="cluster")
+                    yield infeasible(self._job, task, result, worker="cluster")
                 future.release()
         finally:
-            if futures:  # left in the middle
+            if futures:  # the caller stopped before the end
                 self._client.cancel(list(futures), force=True)
 
     def close(self) -> None:
-        """See `Executor`. The scheduler and its workers stay."""
+        """See `Executor`. The scheduler and its workers keep running."""
         with contextlib.suppress(OSError, TimeoutError):
             self._client.close(timeout=_CONNECT_SECONDS)
 
@@ -94,16 +94,16 @@ class DaskExecutor:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
 
     def _submit(self, task: EvaluationTask) -> Any:
-        # The job goes with each task (it is a few hundred bytes): data scattered beforehand can die with a worker.
+        # Each task carries the job (a few hundred bytes): data scattered beforehand can be lost with a worker.
         return self._client.submit(evaluate, self._job, task, pure=False)
 
-    def _meet_workers(self, address: str) -> None:
-        """Let one worker fly the job's shortest flight: it is there, it has this package, and the job can be flown."""
+    def _check_workers(self, address: str) -> None:
+        """Fly the job's shortest flight on one worker, to check that it has this package and can fly the job."""
         first = self._client.submit(warm_up, self._job, pure=False)
         try:
             first.result(timeout=_START_SECONDS)
@@ -111,16 +111,14 @@ class DaskExecutor:
             raise
         except TimeoutError:
             raise SearchError(f"scheduler {address}: no worker has started within {_START_SECONDS:g} s") from None
-        except Exception as problem:
-            raise SearchError(
-                f"scheduler {address}: a worker cannot fly: {type(problem).__name__}: {problem}"
-            ) from None
+        except Exception as error:
+            raise SearchError(f"scheduler {address}: a worker cannot fly: {type(error).__name__}: {error}") from None
 
 
-def _answer_of(future: Any) -> Evaluation | str:
-    """A future's evaluation, or why there is none."""
+def _result_of(future: Any) -> Evaluation | str:
+    """Evaluation of a future, or the reason of its failure."""
     try:
         evaluation: Evaluation = future.result()
-    except Exception as problem:  # of the flight, of its worker or of the way to it; the search decides what follows
-        return f"{type(problem).__name__}: {problem}"
+    except Exception as error:  # a failure of the flight, the worker or the network: the caller retries the task
+        return f"{type(error).__name__}: {error}"
     return evaluation

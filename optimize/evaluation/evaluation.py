@@ -1,4 +1,4 @@
-"""One evaluation: a point flown on its seeds."""
+"""Evaluation of one point: a flight on each of its seeds."""
 
 from __future__ import annotations
 
@@ -24,31 +24,29 @@ from optimize.evaluation.coverage import coverage
 from optimize.evaluation.objectives import FITNESS_NAMES
 
 FIGURE_NAMES = (*MotionFigures._fields, *BodyFigures._fields)
+"""Columns of an evaluation's figures."""
 
 
 def figure_columns(figures: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Columns of figures, (S, F) in the order of FIGURE_NAMES, by name: (S,) each."""
+    """Columns (S,) of figures (S, F), by their names, FIGURE_NAMES."""
     return dict(zip(FIGURE_NAMES, figures.T, strict=True))
 
 
-"""The columns of an evaluation's figures."""
-
-
 OK = "ok"
-"""The outcome of an evaluation that is what it should be."""
+"""Outcome of a successful evaluation."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Job:
-    """What is the same for all evaluations of a search.
+    """Common settings of all evaluations of a search.
 
     Attributes:
-        scenario: what is flown.
+        scenario: scenario of the flights.
         dynamics: "point_mass" or "rigid_body".
         policy: name of the policy.
-        coverage: whether fitness gets the coverage as a seventh column.
-        timeout: s, bound of the wall time of one evaluation; None for none.
-        variants: other scenarios that a task may ask for.
+        coverage: whether the fitness has the coverage as a seventh column.
+        timeout: s, limit of the wall time of one evaluation; None for no limit.
+        variants: other scenarios that a task may select.
     """
 
     scenario: Scenario
@@ -59,18 +57,18 @@ class Job:
     variants: tuple[Scenario, ...] = ()
 
     def scenario_of(self, task: EvaluationTask) -> Scenario:
-        """What a task flies."""
+        """Scenario that a task flies."""
         return self.scenario if task.variant is None else self.variants[task.variant]
 
 
 class EvaluationTask(NamedTuple):
-    """One point to be flown on some seeds.
+    """A point and the seeds on which to evaluate it.
 
     Attributes:
-        number: of the evaluation in its search, from 0.
+        number: number of the evaluation in its search, from 0.
         params: the point.
         seeds: (S,), one flight each.
-        variant: which of the job's variants is flown; None for its own scenario.
+        variant: index of one of the job's variants; None for the job's own scenario.
     """
 
     number: int
@@ -80,18 +78,18 @@ class EvaluationTask(NamedTuple):
 
 
 class Evaluation(NamedTuple):
-    """What came of a task.
+    """Result of a task.
 
     Attributes:
-        number: the task's.
-        params: the task's.
-        seeds: the task's.
-        order_parameters: (S, 6), in the order of OrderParameters; NaN if the outcome is not ok.
-        fitness: (S, 6) in the order of FITNESS_NAMES, or (S, 7) with coverage; 0, the worst, if the outcome is not ok.
-        figures: (S, F) in the order of FIGURE_NAMES; NaN where point masses have none, or the outcome is not ok.
+        number: number of the task.
+        params: point of the task.
+        seeds: (S,), seeds of the task.
+        order_parameters: (S, 6), in the order of OrderParameters; NaN unless the outcome is "ok".
+        fitness: (S, 6) in the order of FITNESS_NAMES, or (S, 7) with coverage; 0 (worst) unless the outcome is "ok".
+        figures: (S, F) in the order of FIGURE_NAMES; NaN if undefined for point masses or unless the outcome is "ok".
         seconds: s, wall time.
-        worker: who flew it.
-        outcome: "ok", or one line that says why not.
+        worker: name of the worker.
+        outcome: "ok", or one line with the reason of the failure.
     """
 
     number: int
@@ -108,17 +106,17 @@ class Evaluation(NamedTuple):
 def evaluate(job: Job, task: EvaluationTask) -> Evaluation:
     """Fly a task's point on each of its seeds.
 
-    A point that no policy can fly is an infeasible evaluation; so is a fitness that is not finite.
+    The evaluation is infeasible if the point is invalid for its policy or a fitness is not finite.
 
     Raises:
-        TimeoutError: the flights took longer than the job allows.
+        TimeoutError: the flights exceeded the job's time limit.
         Exception: a flight failed.
     """
     began = time.perf_counter()
     try:
         params = check_point(task.params)
-    except PointError as problem:
-        return infeasible(job, task, str(problem))
+    except PointError as error:
+        return infeasible(job, task, str(error))
     scenario = job.scenario_of(task)
     flights = [_fly_in_time(job, scenario, params, seed, began) for seed in task.seeds]
     fitness = np.array([_fitness_row(job, flight) for flight in flights])
@@ -138,7 +136,7 @@ def evaluate(job: Job, task: EvaluationTask) -> Evaluation:
 
 
 def infeasible(job: Job, task: EvaluationTask, reason: str, seconds: float = 0.0, worker: str = "") -> Evaluation:
-    """The evaluation of a task that cannot be flown: the worst fitness, and why in one line."""
+    """Evaluation of a failed task: the worst fitness, and the reason in one line."""
     return Evaluation(
         number=task.number,
         params=task.params,
@@ -153,10 +151,10 @@ def infeasible(job: Job, task: EvaluationTask, reason: str, seconds: float = 0.0
 
 
 def warm_up(job: Job) -> str:
-    """Fly a job's shortest flight, so that all is loaded and compiled; say who did.
+    """Fly a job's shortest flight, to load and compile all code, and return the worker's name.
 
     Raises:
-        MoflockError: the scenario cannot be flown with these dynamics.
+        MoflockError: these dynamics cannot fly the scenario.
     """
     scenario = job.scenario.replace(duration=job.scenario.sample_period, warm_up=0.0)
     middle = policy_bounds(job.policy)
@@ -173,7 +171,7 @@ def warm_up(job: Job) -> str:
 
 
 def worker_name() -> str:
-    """This process: machine and process number."""
+    """Name of this process: host name and process number."""
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
@@ -190,7 +188,7 @@ def _fly_in_time(job: Job, scenario: Scenario, params: NamedTuple, seed: int, be
 def _fitness_row(job: Job, flight: Flight) -> list[float]:
     row = [float(getattr(flight.fitness, name)) for name in FITNESS_NAMES]
     if job.coverage:
-        assert flight.samples is not None  # for the type checker: asked for above
+        assert flight.samples is not None  # for the type checker: requested above
         row.append(float(coverage(flight.samples.position, job.scenario.arena)[-1]))
     return row
 
@@ -201,12 +199,13 @@ def _figures_row(flight: Flight) -> list[float]:
 
 
 SEARCH_STEP = 0.1
-"""s, of point masses in a search. It takes well under half the time of the default step of 0.01 s, and over 40 seeds
-the mean objectives of points A, B and the model's optimum differ by no more than their standard errors."""
+"""Time step of point masses in a search, s. A flight takes well under half the time that it takes with the default
+step of 0.01 s. Over 40 seeds, the mean objectives of points A, B and the model's optimum differ by no more than their
+standard errors."""
 
 
 def search_scenario(scenario: Scenario, dynamics: str) -> Scenario:
-    """The scenario as a search flies it: point masses with SEARCH_STEP where the scenario names no step."""
+    """Scenario as a search flies it: point masses use SEARCH_STEP unless the scenario sets a step."""
     if dynamics == "point_mass" and scenario.step is None:
         return scenario.replace(step=SEARCH_STEP)
     return scenario

@@ -1,4 +1,4 @@
-"""The interfaces of what evaluates parameter sets."""
+"""Interfaces of evaluators of parameter sets."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from typing import Protocol, Self
 from optimize.evaluation.evaluation import Evaluation, EvaluationTask
 
 ATTEMPTS = 2
-"""Times that a task is tried before it counts as infeasible."""
+"""Number of attempts at a task before it counts as infeasible."""
 
 
 class Evaluator(Protocol):
-    """Flies evaluations, somewhere."""
+    """Evaluator of tasks."""
 
     def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
-        """Each task's evaluation, exactly once, in the order in which they are done; none raises."""
+        """Yield the evaluation of each task once, in the order of completion; a failed task is infeasible."""
         ...
 
 
 class Executor(Evaluator, Protocol):
-    """Flies evaluations with workers of its own."""
+    """Evaluator with its own workers."""
 
     @property
     def workers(self) -> int:
-        """How many at a time."""
+        """Number of tasks evaluated at the same time."""
         ...
 
     def close(self) -> None:
-        """Let go of the workers."""
+        """Release the workers."""
         ...
 
     def __enter__(self) -> Self: ...
 
     def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...

@@ -1,4 +1,4 @@
-"""Workers: where evaluations are flown. Local processes here, a Dask cluster in `dask_executor`."""
+"""Executor with worker processes on this machine."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from optimize.evaluation.evaluation import Evaluation, EvaluationTask, Job, eval
 from optimize.evaluation.interface import ATTEMPTS
 
 _GRACE = 5.0
-"""s; a worker that has not noticed by itself that its time is over is killed this much later."""
+"""Time after the time limit at which a worker that has not stopped by itself is killed, s."""
 
 
 _POLL = 0.5
-"""s between two looks at the clock while all workers fly."""
+"""Interval between two checks of the time limit while all workers are busy, s."""
 
 
 class LocalExecutor:
-    """Processes of this machine, each with the job sent once; one that dies, fails or is late is replaced.
+    """Executor with local processes; a process that dies, fails or exceeds the time limit is replaced.
 
     Args:
-        job: what is the same for all evaluations.
+        job: common settings of all evaluations; sent once to each process.
         workers: number of processes.
 
     Raises:
-        SearchError: fewer than one worker, or none that starts.
+        SearchError: the number of workers is out of bounds, or a worker does not start.
         MoflockError: the job cannot be flown.
     """
 
@@ -46,7 +46,7 @@ class LocalExecutor:
         try:
             self._workers.extend(_Worker(job) for _ in range(workers))
             for worker in self._workers:
-                worker.answer()
+                worker.receive()
         except BaseException:
             self.close()
             raise
@@ -59,22 +59,22 @@ class LocalExecutor:
                 for worker in self._workers:
                     if waiting and worker.idle:
                         worker.start(*waiting.popleft())
-                self._kill_late()
-                for worker in self._with_news():
-                    task, attempt, answer = worker.task, worker.attempt, worker.answer()
-                    if isinstance(answer, Evaluation):
-                        yield answer
+                self._kill_overdue()
+                for worker in self._ready_to_read():
+                    task, attempt, result = worker.task, worker.attempt, worker.receive()
+                    if isinstance(result, Evaluation):
+                        yield result
                         continue
                     if task is None:
-                        continue  # it has only said that it is ready
+                        continue  # the worker has only reported that it is ready
                     self._replace(worker)
                     if attempt < ATTEMPTS:
                         waiting.appendleft((task, attempt + 1))
                     else:
-                        yield infeasible(self._job, task, answer, worker.busy_seconds, worker.name)
+                        yield infeasible(self._job, task, result, worker.busy_seconds, worker.name)
         finally:
             for worker in [worker for worker in self._workers if worker.task]:
-                self._replace(worker)  # left in the middle: what it flies is nobody's any more
+                self._replace(worker)  # the caller stopped before the end: these results are not needed
 
     def close(self) -> None:
         """See `Executor`."""
@@ -86,17 +86,17 @@ class LocalExecutor:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
 
-    def _with_news(self) -> list[_Worker]:
-        """Workers that have something to say, which may be that they are dead."""
+    def _ready_to_read(self) -> list[_Worker]:
+        """Workers with a message in their pipe, or whose pipe is closed."""
         expected = {worker.pipe.fileno(): worker for worker in self._workers if not worker.idle}
         return [expected[pipe] for pipe in wait(list(expected), timeout=_POLL) if isinstance(pipe, int)]
 
-    def _kill_late(self) -> None:
-        """Kill the workers that are past their time; their pipes end, as those of the dead do."""
+    def _kill_overdue(self) -> None:
+        """Kill the workers that have exceeded the time limit; `_ready_to_read` then returns them."""
         for worker in self._workers:
             if worker.task and self._job.timeout is not None and worker.busy_seconds > self._job.timeout + _GRACE:
                 worker.kill()
@@ -107,23 +107,23 @@ class LocalExecutor:
 
 
 class _Worker:
-    """A process and the pipe to it.
+    """Worker process with its pipe.
 
     Attributes:
-        name: of the process, once it is ready.
-        ready: whether it has flown its first, shortest flight.
-        task: what it flies.
-        attempt: for which time the task is tried.
+        name: name of the process; empty until it is ready.
+        ready: whether the process has flown its warm-up flight.
+        task: the current task, or None.
+        attempt: number of the attempt at the task, from 1.
     """
 
     def __init__(self, job: Job) -> None:
         context = multiprocessing.get_context("spawn")
-        self.pipe, theirs = context.Pipe()
+        self.pipe, child_pipe = context.Pipe()
         self._job = job
-        self._process = context.Process(target=_work, args=(theirs, job), daemon=True)
-        with _deaf_to_interrupts():
+        self._process = context.Process(target=_work, args=(child_pipe, job), daemon=True)
+        with _interrupts_blocked():
             self._process.start()
-        theirs.close()  # so that the pipe ends when the process does
+        child_pipe.close()  # so that the pipe is closed when the process ends
         self._began = 0.0
         self.name = ""
         self.ready = False
@@ -136,43 +136,43 @@ class _Worker:
 
     @property
     def busy_seconds(self) -> float:
-        """Since its task was given to it, s."""
+        """Time since the task was sent, s."""
         return time.monotonic() - self._began
 
     def start(self, task: EvaluationTask, attempt: int) -> None:
         self.task, self.attempt, self._began = task, attempt, time.monotonic()
-        with contextlib.suppress(OSError):  # it died while it was idle; its pipe's end will be its answer
+        with contextlib.suppress(OSError):  # the process died while idle; its closed pipe is detected later
             self.pipe.send(task)
 
-    def answer(self) -> Evaluation | str:
-        """Read what it has to say: its task's evaluation or why there is none; its name, if it was starting.
+    def receive(self) -> Evaluation | str:
+        """Read a message: the evaluation of the task, the reason of its failure, or the name of a new process.
 
         Raises:
-            SearchError: it died at its start.
+            SearchError: the process died at its start.
             MoflockError: the job cannot be flown.
         """
         try:
-            answer: Evaluation | str | MoflockError = self.pipe.recv()
+            result: Evaluation | str | MoflockError = self.pipe.recv()
         except (EOFError, OSError):
-            answer = self._epitaph()
-        if isinstance(answer, MoflockError):
-            raise answer
-        if isinstance(answer, str) and not self.ready:
-            self.name, self.ready = answer, True
+            result = self._reason_of_death()
+        if isinstance(result, MoflockError):
+            raise result
+        if isinstance(result, str) and not self.ready:
+            self.name, self.ready = result, True
         self.task = None
-        return answer
+        return result
 
     def kill(self) -> None:
         self._process.kill()
 
     def end(self) -> None:
-        """Kill the process (which holds nothing that is not the parent's too), and wait for its end."""
+        """Kill the process, which holds no state of its own, and wait for its end."""
         self.kill()
         self._process.join()
         self._process.close()
         self.pipe.close()
 
-    def _epitaph(self) -> str | MoflockError:
+    def _reason_of_death(self) -> str | MoflockError:
         self._process.join()
         if not self.ready:
             return SearchError(f"workers: a process died at its start (exit code {self._process.exitcode})")
@@ -182,12 +182,12 @@ class _Worker:
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that are started meanwhile never notice Ctrl-C in their terminal: it is the parent's affair.
+def _interrupts_blocked() -> Iterator[None]:
+    """Block SIGINT for processes started in this context, so that only the parent handles Ctrl-C.
 
-    A new process inherits the mask, and so is deaf from its first instruction on, not only when it has loaded all.
+    A new process inherits the signal mask, so SIGINT is blocked from its first instruction.
     """
-    resource_tracker.ensure_running()  # which `start` would do, and it ends by taking SIGINT off the mask
+    resource_tracker.ensure_running()  # `start` would do this otherwise, and would remove SIGINT from the mask
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -196,22 +196,22 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 def _work(pipe: Connection, job: Job) -> None:
-    """A worker's life: fly what comes, until the parent is gone."""
-    with contextlib.suppress(EOFError, OSError):  # the pipe's end: the parent is gone
-        pipe.send(_first_words(job))
+    """Evaluate tasks from the pipe until the parent closes it."""
+    with contextlib.suppress(EOFError, OSError):  # the parent has closed the pipe
+        pipe.send(_warm_up(job))
         while True:
-            pipe.send(_answer_to(job, pipe.recv()))
+            pipe.send(_evaluate(job, pipe.recv()))
 
 
-def _first_words(job: Job) -> str | MoflockError:
+def _warm_up(job: Job) -> str | MoflockError:
     try:
         return warm_up(job)
-    except MoflockError as problem:
-        return problem
+    except MoflockError as error:
+        return error
 
 
-def _answer_to(job: Job, task: EvaluationTask) -> Evaluation | str:
+def _evaluate(job: Job, task: EvaluationTask) -> Evaluation | str:
     try:
         return evaluate(job, task)
-    except Exception as problem:  # whatever it is, the search goes on
-        return f"{type(problem).__name__}: {problem}"
+    except Exception as error:  # any failure of a flight must leave the worker running
+        return f"{type(error).__name__}: {error}"

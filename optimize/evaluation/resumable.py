@@ -1,4 +1,4 @@
-"""Studies of many flights that are kept as they end: the same command goes on where it was stopped or killed."""
+"""Studies of many flights, archived as they end: the same command resumes a study that was stopped or killed."""
 
 from __future__ import annotations
 
@@ -27,48 +27,49 @@ from optimize.evaluation.executors import make_executor
 from optimize.evaluation.interface import Evaluator
 
 _LIBRARIES = ("moflock-mj", "mujoco", "numba", "numpy", "scipy", "control")
-"""Those by which flights may differ."""
+"""Libraries on which the results of flights may depend."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Study:
-    """Everything that the flights of a study depend on.
+    """All inputs on which the flights of a study depend.
 
     Attributes:
-        verb: of the command that flies it.
-        scenario: what is flown.
-        settings: all else, as JSON values.
+        command: name of the command that runs the study.
+        scenario: scenario of the flights.
+        settings: all other inputs, as JSON values.
     """
 
-    verb: str
+    command: str
     scenario: Scenario
     settings: Mapping[str, Any]
 
     def to_json(self) -> str:
-        """All but the scenario, which is a file of its own."""
-        content = {"study": self.verb, **self.settings, "versions": installed_versions(_LIBRARIES)}
+        """JSON text of all inputs but the scenario, which is stored in a separate file."""
+        content = {"study": self.command, **self.settings, "versions": installed_versions(_LIBRARIES)}
         return json.dumps(content, indent=1) + "\n"
 
     def default_folder(self) -> Path:
-        """A directory in logs/ that the same study finds again, and no other one."""
+        """Directory in logs/ with a name that depends on all inputs of the study."""
         text = self.to_json() + self.scenario.to_toml()
-        return Path("logs") / f"{self.verb}-{hashlib.blake2b(text.encode(), digest_size=4).hexdigest()}"
+        return Path("logs") / f"{self.command}-{hashlib.blake2b(text.encode(), digest_size=4).hexdigest()}"
 
     def is_in(self, path: Path) -> bool:
-        """Whether a directory is this study's; False if it is still to be made.
+        """Whether a directory holds this study; False if the directory is empty or does not exist.
 
         Raises:
-            SearchError: it is of another study, or of something else.
+            SearchError: the directory holds another study or other files.
         """
         if not is_directory(path):
             check_new(path)
             return False
-        there = read_directory(path, _facts)
-        here = _facts(self.to_json(), self.scenario.to_toml())
-        if there != here:
-            names = ", ".join(name for name in {**here, **there} if here.get(name) != there.get(name))
+        stored = read_directory(path, _inputs)
+        current = _inputs(self.to_json(), self.scenario.to_toml())
+        if stored != current:
+            names = ", ".join(name for name in {**current, **stored} if current.get(name) != stored.get(name))
             raise SearchError(
-                f"run directory {path}: it has the flights of another study ({names}); name another one, or remove it"
+                f"run directory {path}: it has the flights of another study ({names}); "
+                "choose another directory or remove this one"
             )
         return True
 
@@ -77,16 +78,16 @@ class Study:
 def open_resumable(
     study: Study, path: Path, job: Job, workers: int, scheduler: str | None
 ) -> Iterator[ResumableEvaluator]:
-    """Workers for a job whose flights stay in a directory, which is made, or gone on with.
+    """Open an evaluator for a job that archives its flights in a new directory, or resumes an existing one.
 
     Raises:
-        StoppedError: Ctrl-C came first; the message says how to go on.
-        MoflockError: the directory is another study's, or it or the workers cannot be had.
+        StoppedError: Ctrl-C was pressed; the message says how to resume.
+        MoflockError: the directory holds another study or cannot be written, or the workers cannot be started.
     """
     try:
         known = study.is_in(path)
         with make_executor(job, workers, scheduler) as executor:
-            if not known:  # workers first: what nobody can fly leaves no directory
+            if not known:  # after the workers have started, so that a failure leaves no directory
                 write_directory(path, study.scenario, study.to_json())
             with Archive(path, POLICIES[job.policy]) as archive, archive.locked():
                 archive.count_damaged()
@@ -100,55 +101,56 @@ def open_resumable(
 
 
 class ResumableEvaluator:
-    """Flies what an archive lacks, and keeps it; the tasks asked for are numbered on from one `evaluate` to the next.
+    """Evaluator that runs and archives only the tasks that an archive lacks.
 
-    A flight that failed is flown again: its worker may have been killed.
+    The numbers of the tasks continue from one call of `evaluate` to the next. Failed flights are repeated, because a
+    failure may have been that of the worker.
 
     Args:
-        executor: flies.
-        archive: of a study that asks for the same tasks in the same order each time.
+        executor: evaluator of the missing tasks.
+        archive: archive of a study that requests the same tasks in the same order each time.
 
     Attributes:
-        found: flights that were in the archive at the beginning.
+        found: number of flights that were in the archive at the beginning.
     """
 
     def __init__(self, executor: Evaluator, archive: Archive) -> None:
         self._executor = executor
         self._archive = archive
         self._known = {flown.number: flown for flown in archive.evaluations() if flown.outcome == OK}
-        self._asked = self._parts = 0
+        self._requested = self._calls = 0
         self.found = len(self._known)
 
     def evaluate(self, tasks: Sequence[EvaluationTask]) -> Iterator[Evaluation]:
-        """See `Evaluator`; the tasks' numbers are those from 0.
+        """See `Evaluator`; the tasks must be numbered from 0.
 
         Raises:
-            SearchError: the archive has another task under a number, or cannot be written.
+            SearchError: the archive has another task under the same number, or cannot be written.
         """
-        first, part = self._asked, self._parts
-        self._asked, self._parts = first + len(tasks), part + 1
+        first, call = self._requested, self._calls
+        self._requested, self._calls = first + len(tasks), call + 1
         recalled = [self._recall(first, task) for task in tasks if first + task.number in self._known]
         yield from recalled
         missing = [task for task in tasks if first + task.number not in self._known]
         for flown in self._executor.evaluate(missing):
-            self._archive.append(flown._replace(number=first + flown.number), generation=part)
+            self._archive.append(flown._replace(number=first + flown.number), generation=call)
             yield flown
 
     def _recall(self, first: int, task: EvaluationTask) -> Evaluation:
         found = self._known[first + task.number]
         if (found.params, found.seeds) != (task.params, task.seeds):
             raise SearchError(
-                f"archive {self._archive.path}: flight {found.number} is of another point or seed; remove the directory"
+                f"archive {self._archive.path}: flight {found.number} has another point or seed; remove the directory"
             )
         return found._replace(number=task.number)
 
 
-def _facts(configuration: str, scenario: str) -> dict[str, Any]:
-    """What a directory says of its study, by name."""
+def _inputs(configuration: str, scenario: str) -> dict[str, Any]:
+    """Inputs of the study of a directory, by name."""
     try:
         content = json.loads(configuration)
-    except (ValueError, RecursionError) as problem:
-        raise SearchError(f"configuration: not JSON: {problem}") from None
+    except (ValueError, RecursionError) as error:
+        raise SearchError(f"configuration: not JSON: {error}") from None
     if not isinstance(content, dict):
         raise SearchError("configuration: it must be an object")
     return content | {"scenario": scenario}

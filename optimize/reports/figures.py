@@ -1,4 +1,4 @@
-"""The search's figures: each function draws one, and returns it for a page or a file."""
+"""Figures of a search; each function draws and returns one."""
 
 from __future__ import annotations
 
@@ -24,18 +24,16 @@ from optimize.search.front import ReevaluatedFront
 
 DOTS_PER_INCH = 130
 
-"""Of the 12 parameters."""
-
 
 class Landmark(NamedTuple):
-    """A point that a front is compared with.
+    """Point with which a front is compared.
 
     Attributes:
-        label: what it is called.
-        mean: (2,), objectives.
-        deviation: (2,), from flight to flight.
-        colour: of its marker.
-        marker: matplotlib's letter.
+        label: label in the legend.
+        mean: (2,), mean objectives.
+        deviation: (2,), standard deviations over the flights.
+        colour: colour of the marker.
+        marker: matplotlib's code of the marker.
     """
 
     label: str
@@ -46,19 +44,19 @@ class Landmark(NamedTuple):
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
+    """Encode a figure as PNG."""
     drawn = io.BytesIO()
     figure.savefig(drawn, dpi=DOTS_PER_INCH, format="png")
     return drawn.getvalue()
 
 
 def data_url(image: bytes) -> str:
-    """A PNG as an address that holds all of it."""
+    """Data URL of a PNG."""
     return "data:image/png;base64," + base64.b64encode(image).decode("ascii")
 
 
 def save(draw: Callable[[], Figure], out: str | os.PathLike[str]) -> None:
-    """Draw a figure in the house's style and write it as a PNG.
+    """Draw a figure in the style of the project and write it as PNG.
 
     Raises:
         RenderError: the file cannot be written.
@@ -68,20 +66,20 @@ def save(draw: Callable[[], Figure], out: str | os.PathLike[str]) -> None:
 
 
 def drawn_png(draw: Callable[[], Figure]) -> bytes:
-    """A figure drawn in the house's style, as a PNG."""
+    """Draw a figure in the style of the project and encode it as PNG."""
     with rc_context(STYLE):
         return png(draw())
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in inches, on no screen."""
+    """Empty figure for files only; width and height in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def front_figure(front: ReevaluatedFront, landmarks: Sequence[Landmark]) -> Figure:
-    """The front as flown on fresh seeds, whole and close up, and what it is compared with; bars are one deviation."""
+    """Front on fresh seeds with landmarks, as a whole and close to the knee; bars are one standard deviation."""
     figure = new_figure(11.5, 5.6)
     whole, close = figure.subplots(1, 2)
     for axes in (whole, close):
@@ -90,7 +88,7 @@ def front_figure(front: ReevaluatedFront, landmarks: Sequence[Landmark]) -> Figu
         axes.set(xlabel=front.objectives.names[0], ylabel=front.objectives.names[1])
     whole.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.05))
     whole.set_title(f"Mean ± standard deviation; hypervolume {front.hypervolume:.3f}")
-    # Close up: the part of the front from which a user will choose, where neither objective is given up.
+    # The right panel shows the points with at least half of each of the knee's objectives.
     near = front.mean[front.remaining, :2]
     near = near[(near >= 0.5 * near[front.remaining == front.knee]).all(axis=1)]
     low, high = near.min(axis=0) - 0.04, near.max(axis=0) + 0.04
@@ -110,15 +108,15 @@ def front_figure(front: ReevaluatedFront, landmarks: Sequence[Landmark]) -> Figu
 
 
 def _draw_front(axes: Axes, front: ReevaluatedFront) -> None:
-    """The points that remain, with bars, and those that are dominated in the mean."""
+    """Draw the points on the front with bars, and the points that are dominated in the mean."""
     kept = front.remaining
-    rest = np.setdiff1d(np.arange(len(front.mean)), kept)
-    if rest.size:
-        axes.plot(*front.mean[rest].T[:2], ".", color=GREY, ms=4, alpha=0.6, label="flown again, dominated in the mean")
+    dominated = np.setdiff1d(np.arange(len(front.mean)), kept)
+    if dominated.size:
+        axes.plot(*front.mean[dominated].T[:2], ".", color=GREY, ms=4, alpha=0.6, label="dominated in the mean")
     across, up = front.mean[kept].T[:2]
     bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.6, "alpha": 0.35}
     axes.errorbar(across, up, *front.deviation[kept].T[1::-1], ecolor=BLUE, **bars)
-    axes.plot(across, up, "o-", color=BLUE, ms=4, lw=1.2, label=f"our front, mean of {len(front.seeds)} fresh seeds")
+    axes.plot(across, up, "o-", color=BLUE, ms=4, lw=1.2, label=f"front, mean over {len(front.seeds)} fresh seeds")
 
 
 def _draw_landmarks(axes: Axes, landmarks: Sequence[Landmark]) -> None:
@@ -130,10 +128,10 @@ def _draw_landmarks(axes: Axes, landmarks: Sequence[Landmark]) -> None:
 
 
 def paper_landmarks() -> list[Landmark]:
-    """What the paper prints for its points A and B."""
+    """Landmarks with the results that the paper prints for its points A and B."""
     return [
         Landmark(
-            f"{name} as the paper prints it",
+            f"{name}, from the paper",
             np.array([reached.F_1[0], reached.F_2[0]]),
             np.array([reached.F_1[1], reached.F_2[1]]),
             GREY,
@@ -144,43 +142,45 @@ def paper_landmarks() -> list[Landmark]:
 
 
 def generations_figure(fronts: Mapping[int, NDArray[np.float64]], names: Sequence[str]) -> Figure:
-    """Fronts as the search saw them after some generations: {generation: (n, 2)}."""
+    """Fronts as estimated by the search after some generations: {generation: (n, 2)}."""
     figure = new_figure(7.2, 5.0)
     axes = figure.add_subplot()
     shades = colormaps["viridis"](np.linspace(0.9, 0.0, max(len(fronts), 1)))
-    widths = np.linspace(5, 1, max(len(fronts), 1))  # so that a front that did not change is seen behind the next
+    widths = np.linspace(5, 1, max(len(fronts), 1))  # so that an unchanged front is visible behind the next one
     for shade, width, (generation, values) in zip(shades, widths, sorted(fronts.items()), strict=True):
         ordered = values[np.argsort(values[:, 0])]
         axes.plot(ordered[:, 0], ordered[:, 1], "o-", color=shade, lw=width, ms=width + 1.5, label=f"{generation}")
     axes.set(xlabel=names[0], ylabel=names[1])
     axes.legend(title="after generation", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes.set_title("Last even generations, as the search saw them")
+    axes.set_title("Estimated fronts after the last even generations")
     return figure
 
 
-def hypervolume_figure(seen: Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]], flown: float) -> Figure:
-    """Hypervolume against flights, {run: (flights, hypervolume)}, and what the front is worth on fresh seeds."""
+def hypervolume_figure(estimated: Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]], flown: float) -> Figure:
+    """Estimated hypervolume over flights, {run: (flights, hypervolume)}, and that of the front on fresh seeds."""
     figure = new_figure(7.2, 4.2)
     axes = figure.add_subplot()
-    for (name, (flights, volume)), colour in zip(seen.items(), (BLUE, RED, GREEN, PINK, BLACK), strict=False):
-        axes.plot(flights, volume, drawstyle="steps-post", color=colour, lw=1.5, label=f"{name}, as the search saw it")
-    axes.axhline(flown, color=ORANGE, ls=(0, (5, 3)), label=f"the front on fresh seeds: {flown:.3f}")
+    for (name, (flights, volume)), colour in zip(estimated.items(), (BLUE, RED, GREEN, PINK, BLACK), strict=False):
+        axes.plot(
+            flights, volume, drawstyle="steps-post", color=colour, lw=1.5, label=f"{name}, estimated by the search"
+        )
+    axes.axhline(flown, color=ORANGE, ls=(0, (5, 3)), label=f"front on fresh seeds: {flown:.3f}")
     axes.set(xlabel="flights", ylabel="hypervolume from (0, 0)", xlim=(0, None))
     figure.legend(loc="outside lower center", ncols=3)
-    axes.set_title("Hypervolume of what was found")
+    axes.set_title("Hypervolume of the front")
     return figure
 
 
 def components_figure(
     found: PrincipalComponents, labels: Sequence[str], title: str, reference: NDArray[np.float64] | None = None
 ) -> Figure:
-    """Covariance, first component, and the share of the variance along each.
+    """Covariance, first component, and explained variance of each component.
 
     Args:
-        found: M variables.
-        labels: (M,).
-        title: of the covariance.
-        reference: (M,), a first component to be drawn beside ours.
+        found: components of M variables.
+        labels: (M,), labels of the variables.
+        title: title of the covariance matrix.
+        reference: (M,), another first component for comparison.
     """
     size = len(labels)
     figure = new_figure(11.5, 3.2 + 0.24 * size)
@@ -196,10 +196,10 @@ def components_figure(
     figure.colorbar(image, ax=axes[0], shrink=0.8, label="covariance, standardised")
     places, height = np.arange(size), 0.4 if reference is not None else 0.7
     axes[1].barh(
-        places - (height / 2 if reference is not None else 0), found.components[0], height, color=BLUE, label="ours"
+        places - (height / 2 if reference is not None else 0), found.components[0], height, color=BLUE, label="here"
     )
     if reference is not None:
-        axes[1].barh(places + height / 2, reference, height, color=ORANGE, label="the paper's")
+        axes[1].barh(places + height / 2, reference, height, color=ORANGE, label="paper")
         axes[1].legend(loc="best")
     axes[1].set_yticks(places, labels)
     axes[1].invert_yaxis()
@@ -208,7 +208,7 @@ def components_figure(
     axes[1].set_title("First component")
     numbers = np.arange(1, len(found.explained) + 1)
     axes[2].bar(numbers, 100 * found.explained, color=BLUE)
-    axes[2].plot(numbers, 100 * np.cumsum(found.explained), "o-", color=BLACK, ms=3, lw=1, label="summed")
+    axes[2].plot(numbers, 100 * np.cumsum(found.explained), "o-", color=BLACK, ms=3, lw=1, label="cumulative")
     axes[2].set(xlabel="component", ylabel="explained variance, %", ylim=(0, 103), xticks=numbers[:: 1 + size // 10])
     axes[2].legend(loc="center right")
     axes[2].set_title("Explained variance")
@@ -216,7 +216,7 @@ def components_figure(
 
 
 def parameters_figure(front: ReevaluatedFront, bounds: ParameterBounds) -> Figure:
-    """Each parameter along the front; the vertical axes are the bounds of the search."""
+    """Parameters of the points on the front over the mean first objective; the vertical axes span the bounds."""
     figure = new_figure(11.5, 6.6)
     grid = figure.subplots(-(-len(bounds.lower) // 4), 4, sharex=True, squeeze=False)
     numbers = front.remaining
@@ -229,6 +229,6 @@ def parameters_figure(front: ReevaluatedFront, bounds: ParameterBounds) -> Figur
             axes.axhline(bound, color=GREY, ls=(0, (5, 3)), lw=0.8)
         axes.set_title(parameter.label)
     for axes in grid[-1]:
-        axes.set_xlabel(f"{front.objectives.names[0]}, mean")
+        axes.set_xlabel(f"mean {front.objectives.names[0]}")
     grid[0, 0].legend(loc="best")
     return figure

@@ -1,4 +1,4 @@
-"""The report of a search: one HTML page that holds all it shows, and its figures as PNGs beside it."""
+"""Report of a search: a self-contained HTML page, and its figures as PNG files."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ tr.rule td{border-top:1px solid #1d2127}.facts{color:#555d68}
 
 
 def write_report(found: Findings, out: str | Path) -> Path:
-    """Write `index.html`, which needs no other file, and the figures as PNGs.
+    """Write `index.html`, which includes all figures, and the figures as PNG files.
 
     Args:
-        found: what is shown.
-        out: a folder; it is made.
+        found: findings of the search.
+        out: output folder; created if needed.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
         RenderError: a file cannot be written.
@@ -67,7 +67,7 @@ def write_report(found: Findings, out: str | Path) -> Path:
         with new_file(out / f"{name}.png") as place:
             place.write_bytes(image)
         sections.append(_figure_section(title, text, image))
-    # The table stands right after the front, of which it tells the figures.
+    # The table belongs to the first figure, the front.
     body = "\n".join([_head(found), sections[0], _results_section(found), *sections[1:], _front_section(found.front)])
     page = out / "index.html"
     with new_file(page) as place:
@@ -82,34 +82,34 @@ def write_report(found: Findings, out: str | Path) -> Path:
 
 
 def _figures(found: Findings) -> Iterable[tuple[str, str, str, Callable[[], Figure]]]:
-    """Of each figure the file's name, the title, what it tells, and who draws it."""
+    """File name, title, text and drawing function of each figure."""
     front, names = found.front, found.front.objectives.names
     yield (
         "front",
-        "The front, and what it is compared with",
-        f"Every point was flown again on {len(front.seeds)} fresh seeds, which the search had not used. "
-        f"{len(front.remaining)} of {len(front.mean)} points remain that no other dominates in the mean. "
-        "Bars are one standard deviation from flight to flight.",
+        "Front",
+        f"The {len(front.mean)} best points of the search were flown again on {len(front.seeds)} fresh seeds, which "
+        f"the search had not used. {len(front.remaining)} of them are not dominated in the mean. "
+        "Bars show one standard deviation over the flights.",
         lambda: front_figure(front, _landmarks(found)),
     )
     yield (
         "generations",
-        "The last ten even fronts",
-        "The front that the archive lets believe after each generation: estimated means less their standard errors.",
+        "Estimated fronts",
+        "Front after each of the last even generations, from estimated means less one standard error.",
         lambda: generations_figure(found.generations, names),
     )
     yield (
         "hypervolume",
-        "Hypervolume against flights",
-        "The volume that the front dominates as the search estimated it, and what the points are worth on fresh seeds.",
+        "Hypervolume over flights",
+        "Hypervolume as estimated during the search, and hypervolume of the front on fresh seeds (dashed).",
         lambda: hypervolume_figure(found.volumes, front.hypervolume),
     )
     if found.components is not None:
         yield _components(found)
     yield (
         "parameters",
-        "The parameters along the front",
-        f"Each parameter against the mean of {names[0]}; dashed lines are the bounds of the search.",
+        "Parameters on the front",
+        f"Each parameter over the mean {names[0]}; dashed lines are the bounds of the search.",
         lambda: parameters_figure(front, found.configuration.bounds),
     )
     if found.parameters is not None:
@@ -117,43 +117,44 @@ def _figures(found: Findings) -> Iterable[tuple[str, str, str, Callable[[], Figu
         share = float(np.sum(parameters.explained[:3]))
         yield (
             "parameter_components",
-            "How redundant the parameters are",
-            f"Principal components of the 12 parameters over the front's {parameters.samples} points: the first three "
-            f"explain {100 * share:.0f} % of how they vary.",
+            "Correlation of the parameters",
+            f"Principal components of the {len(parameters.names)} parameters over the {parameters.samples} points of "
+            f"the front. The first three components explain {100 * share:.0f} % of the variance.",
             lambda: components_figure(parameters, parameters.names, "Covariance of the parameters"),
         )
     yield (
         "order_parameters",
-        "Order parameters of the two extremes",
-        f"One flight of each, seed {found.statistics[0].seed}. Curves through should be high, broken ones low.",
+        "Order parameters of the extreme points",
+        f"One flight of each point, seed {found.statistics[0].seed}. Order parameters with solid lines should be high, "
+        "those with dashed lines low.",
         lambda: order_parameters_figure(found.statistics, [f"Best {names[0]}", f"Best {names[-1]}"]),
     )
 
 
 def _components(found: Findings) -> tuple[str, str, str, Callable[[], Figure]]:
     components = found.components
-    assert components is not None  # for the type checker: the caller has looked
+    assert components is not None  # for the type checker: the caller has checked it
     near = agreement(components)
-    signs = "the same signs as" if near.same_signs else "other signs than"
+    signs = "the same signs as" if near.same_signs else "not all the signs of"
     return (
         "pca",
-        "Which fitnesses rise together",
-        f"Principal components of the six fitnesses of {components.samples} random points. Our first component has "
-        f"{signs} the paper's, their cosine is {near.cosine:.3f}, and the elements of the covariance differ by "
-        f"{near.covariance_error:.3f} in the mean.",
+        "Principal components of the fitnesses",
+        f"Principal components of the six fitnesses of {components.samples} random points. The first component has "
+        f"{signs} the paper's. The cosine between the two is {near.cosine:.3f}, and the elements of the covariance "
+        f"matrices differ by {near.covariance_error:.3f} on average.",
         lambda: components_figure(components, _FITNESS_LABELS, "Covariance of the fitnesses", FIRST_COMPONENT),
     )
 
 
 def _landmarks(found: Findings) -> list[Landmark]:
-    """The landmarks as flown here and, where the objectives are the paper's, as the paper prints them."""
-    looks = {"A": (RED, "<"), "B": (RED, "v"), "model_optimum": (GREEN, "s")}
+    """Landmarks as flown here and, if the objectives are the paper's, as printed in the paper."""
+    styles = {"A": (RED, "<"), "B": (RED, "v"), "model_optimum": (GREEN, "s")}
     others = iter(((ORANGE, "D"), (PINK, "P"), (BLACK, "X")))
     flown = []
     for name, mean, deviation in zip(
         found.landmark_names, found.landmarks.mean, found.landmarks.deviation, strict=True
     ):
-        colour, marker = looks[name] if name in looks else next(others, (BLACK, "*"))
+        colour, marker = styles[name] if name in styles else next(others, (BLACK, "*"))
         flown.append(Landmark(f"{_title(name)}, flown here", mean[:2], deviation[:2], colour, marker))
     return flown + (paper_landmarks() if found.front.objectives.groups == PAPER.groups else [])
 
@@ -184,7 +185,7 @@ def _head(found: Findings) -> str:
         f"<h1>Search {html.escape(found.name)}</h1>\n<p class='facts'>{html.escape(facts)}<br>"
         f"Maximised: {html.escape(groups)}.</p>\n"
         f"<p>Hypervolume of the front on {len(front.seeds)} fresh seeds: <b>{front.hypervolume:.3f}</b>. "
-        f"Its knee: {html.escape(knee)}.</p>"
+        f"Knee of the front: {html.escape(knee)}.</p>"
     )
 
 
@@ -196,7 +197,7 @@ def _figure_section(title: str, text: str, image: bytes) -> str:
 
 
 class _Column(NamedTuple):
-    """A point in the table of results: its title, its objectives in words, its parameters."""
+    """Column of the table of results: title, formatted objectives, and parameters of a point."""
 
     title: str
     objectives: Sequence[str]
@@ -204,31 +205,31 @@ class _Column(NamedTuple):
 
 
 def _results_section(found: Findings) -> str:
-    """A table like the paper's of results: its points as printed and as flown here, and ours beside them."""
+    """Table of results in the form of the paper's: its points as printed and as flown here, and the new points."""
     front, names = found.front, found.front.objectives.names
     papers = {name: _paper_columns(found, name) for name in PAPER_RESULTS if name in found.landmark_names}
     others = [name for name in found.landmark_names if name not in papers]
     columns = [
         *papers.get("A", ()),
-        _own_column(front, front.best(0), f"our best {names[0]}"),
+        _own_column(front, front.best(0), f"best {names[0]}"),
         *papers.get("B", ()),
-        _own_column(front, front.best(-1), f"our best {names[-1]}"),
+        _own_column(front, front.best(-1), f"best {names[-1]}"),
         *(_own_column(found.landmarks, found.landmark_names.index(name), _title(name)) for name in others),
-        _own_column(front, front.knee, "our knee"),
+        _own_column(front, front.knee, "knee"),
     ]
     rows = [[name, *(column.objectives[row] for column in columns)] for row, name in enumerate(names)]
     for index, parameter in enumerate(POLICIES[front.policy].parameters):
         rows.append([parameter.label, *(f"{column.params[index]:.4g}" for column in columns)])
     text = (
-        f"Mean ± standard deviation of {len(front.seeds)} flights, and the parameters. What the paper prints for A "
-        "and B is beside the same points flown here."
+        f'Mean ± standard deviation over {len(front.seeds)} flights, and the parameters. Columns with "printed" show '
+        "the paper's results for its points."
     )
     table = _table(["", *(column.title for column in columns)], rows, rule_before=len(names))
     return f"<h2>Results</h2>\n<p>{html.escape(text)}</p>\n{table}"
 
 
 def _paper_columns(found: Findings, name: str) -> list[_Column]:
-    """A point of the paper as printed, if the objectives are the paper's, and as flown here."""
+    """Columns of a point of the paper: as printed, if the objectives are the paper's, and as flown here."""
     here = _own_column(found.landmarks, found.landmark_names.index(name), f"{name}, flown here")
     if found.front.objectives.groups != PAPER.groups:
         return [here]
@@ -243,7 +244,7 @@ def _own_column(front: ReevaluatedFront, number: int, title: str) -> _Column:
 
 
 def _front_section(front: ReevaluatedFront) -> str:
-    """All points that remain on the front."""
+    """Table of all points on the front."""
     names = front.objectives.names
     rows = [
         [
@@ -255,7 +256,7 @@ def _front_section(front: ReevaluatedFront) -> str:
     ]
     head = ["", *names, *POLICIES[front.policy].names]
     return (
-        "<h2>All points of the front</h2>\n<p>Mean on fresh seeds ± half the width of its 95 % confidence interval, "
+        "<h2>All points of the front</h2>\n<p>Mean on fresh seeds ± half width of its 95 % confidence interval, "
         f"and the parameters.</p>\n{_table(head, rows)}"
     )
 

@@ -19,7 +19,7 @@ _COLOURS = (RED, BLUE, GREEN, BLACK, PINK, ORANGE)
 
 
 def sensitivity_figure(found: SobolIndices, along: OneAtATime, point: NamedTuple) -> Figure:
-    """The Sobol indices above, one parameter at a time below."""
+    """Sobol indices (top) and fitnesses along one parameter at a time (bottom)."""
     figure = new_figure(12.0, 14.2)
     halves = figure.add_gridspec(2, 1)
     _draw_indices(figure.add_subfigure(halves[0]), found, spec_of(point).names)
@@ -28,10 +28,10 @@ def sensitivity_figure(found: SobolIndices, along: OneAtATime, point: NamedTuple
 
 
 def _draw_indices(figure: SubFigure, found: SobolIndices, names: Sequence[str]) -> None:
-    """First-order and total indices as heat maps, each cell with its 95 % confidence interval's half width."""
+    """Draw first-order and total indices as heat maps, with the half width of their 95 % confidence intervals."""
     panels = figure.subplots(2, 1, sharex=True)
     pairs = (
-        (found.first, found.first_width, "Sobol indices of first order"),
+        (found.first, found.first_width, "First-order Sobol indices"),
         (found.total, found.total_width, "Total Sobol indices"),
     )
     for axes, (values, widths, title) in zip(panels, pairs, strict=True):
@@ -48,7 +48,7 @@ def _draw_indices(figure: SubFigure, found: SobolIndices, names: Sequence[str]) 
 
 
 def _draw_along(figure: SubFigure, found: OneAtATime, point: NamedTuple) -> None:
-    """All six fitnesses along each parameter, mean and 95 % confidence interval over the seeds; the point dashed."""
+    """Draw all fitnesses along each parameter, mean and 95 % confidence interval over the seeds; dashed: the point."""
     parameters, values = spec_of(point).parameters, list(values_of(point).values())
     grid = figure.subplots(-(-len(parameters) // 4), 4, sharey=True, squeeze=False)
     mean, width = found.fitness.mean(axis=2), half_width(found.fitness, axis=2)
@@ -64,7 +64,7 @@ def _draw_along(figure: SubFigure, found: OneAtATime, point: NamedTuple) -> None
 
 
 def sweep_figure(found: Sweep, unit: str) -> Figure:
-    """All six fitnesses over a field of the scenario, mean and 95 % confidence interval over the seeds."""
+    """All fitnesses over a field of the scenario, mean and 95 % confidence interval over the seeds."""
     figure = new_figure(7.2, 4.6)
     axes = figure.add_subplot()
     mean, width = found.fitness.mean(axis=1), half_width(found.fitness, axis=1)
@@ -73,6 +73,6 @@ def sweep_figure(found: Sweep, unit: str) -> Figure:
             found.values, mean[:, k], width[:, k], fmt="o-", color=colour, lw=1.3, ms=4, capsize=2, label=f"F_{fitness}"
         )
     axes.set(ylim=(-0.03, 1.03), xlabel=f"{found.field}, {unit}" if unit != "1" else found.field)
-    axes.set_title(f"Mean of {found.fitness.shape[1]} seeds, with 95 % confidence intervals")
+    axes.set_title(f"Mean over {found.fitness.shape[1]} seeds with 95 % confidence intervals")
     figure.legend(loc="outside lower center", ncols=6)
     return figure

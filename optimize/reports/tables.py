@@ -1,4 +1,4 @@
-"""Tables of words and numbers, for a terminal and for a page."""
+"""Tables of text for a terminal and for Markdown pages."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rich.table import Table
 
 
 class Words(NamedTuple):
-    """A table.
+    """Table of text.
 
     Attributes:
-        title: of it.
+        title: title of the table.
         head: names of the columns.
-        rows: as many cells each.
+        rows: rows with as many cells as `head`.
     """
 
     title: str
@@ -23,13 +23,13 @@ class Words(NamedTuple):
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
+    """Format a table as Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def rich_table(words: Words) -> Table:
-    """A table for the terminal."""
+    """Build a table for the terminal."""
     table = Table(*words.head, title=words.title, title_justify="left")
     for row in words.rows:
         table.add_row(*row)

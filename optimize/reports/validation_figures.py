@@ -1,4 +1,4 @@
-"""The figure of a validation: both fronts, and arrows from point masses to rigid bodies."""
+"""Figure of a validation: the fronts with both dynamics, and arrows from point masses to rigid bodies."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ _COLOURS = {FLYABLE: GREEN, MARGINAL: ORANGE, UNSAFE: RED}
 
 
 def fronts_figure(validation: Validation) -> Figure:
-    """Mean F_1 and F_2 of each point on both dynamics, with 95 % confidence intervals; the colour is the verdict."""
+    """Mean F_1 and F_2 of each point with both dynamics and 95 % confidence intervals; colours show the verdicts."""
     figure = new_figure(8.2, 6.2)
     axes = figure.add_subplot()
     mean, width = validation.objectives.mean(axis=2), half_width(validation.objectives, axis=2)
-    for dynamics, colour, label in ((POINT_MASS, BLUE, "front on point masses"), (RIGID_BODY, BLACK, "on bodies")):
+    for dynamics, colour, label in (
+        (POINT_MASS, BLUE, "front of point masses"),
+        (RIGID_BODY, BLACK, "front of rigid bodies"),
+    ):
         front = mean[dynamics, validation.on_front[dynamics]]
         front = front[np.argsort(front[:, 0])]
         axes.plot(front[:, 0], front[:, 1], color=colour, lw=1.2, ls=(0, (5, 3)), label=label, zorder=1)
@@ -38,9 +41,9 @@ def fronts_figure(validation: Validation) -> Figure:
     axes.plot([], [], "o", color=BLUE, label="point mass")
     for verdict, colour in _COLOURS.items():
         axes.plot([], [], "D", color=colour, label=f"rigid body, {verdict}")
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()  # the bars of few seeds reach beyond what can be
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()  # with few seeds, the bars extend beyond [0, 1]
     axes.set(xlim=(max(left, -0.02), min(right, 1.02)), ylim=(max(low, -0.02), min(high, 1.02)))
     axes.set(xlabel="F_1", ylabel="F_2")
-    axes.set_title(f"From point mass to rigid body, mean of {len(validation.settings.seeds)} seeds")
+    axes.set_title(f"From point mass to rigid body, mean over {len(validation.settings.seeds)} seeds")
     figure.legend(loc="outside lower center", ncols=3)
     return figure

@@ -1,4 +1,4 @@
-"""What a validation has shown, as tables, JSON and a page in Markdown."""
+"""Tables, JSON and a Markdown page of a validation."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ from optimize.validation.validation import (
 )
 
 FIGURE = "fronts.png"
-"""File of the figure, beside the page."""
+"""File name of the figure, beside the page."""
 
 
 _OBJECTIVES = ("F_1", "F_2")
 
 
 def tables(validation: Validation) -> tuple[Words, ...]:
-    """Objectives and verdicts; all fitnesses; figures of the bodies; the front again; faults, if they were flown."""
+    """Tables of objectives, fitnesses, rigid-body figures, fronts and, if they were flown, faults."""
     words = (_objectives(validation), _fitnesses(validation), _bodies(validation), _fronts(validation))
     return (*words, _faults(validation)) if validation.faults else words
 
 
 def render_validation_page(validation: Validation, logs: Mapping[str, Path], figure: str = FIGURE) -> str:
-    """The page.
+    """Render the page in Markdown.
 
     Args:
-        validation: all flown.
-        logs: of the worst seed of each point.
-        figure: where the figure is, seen from the page.
+        validation: a finished validation.
+        logs: log of the worst seed, by the name of the point.
+        figure: path of the figure, relative to the page.
     """
     scenario, seeds = validation.settings.scenario, len(validation.settings.seeds)
     parts = [
         "# Points on rigid bodies",
-        f"{scenario.drones} drones ({scenario.airframe}), {scenario.duration:g} s, {seeds} seeds, the same for all "
-        "points and for both dynamics. Means with their 95 % confidence intervals; the gap is rigid body less point "
-        "mass, seed by seed.",
+        f"{scenario.drones} drones ({scenario.airframe}), {scenario.duration:g} s, {seeds} seeds, which are the same "
+        "for all points and both dynamics. Values are means with 95 % confidence intervals. The gap is the mean "
+        "difference between rigid body and point mass on the same seed.",
     ]
     for words in tables(validation):
         parts += [f"## {words.title}", markdown(words.head, words.rows)]
@@ -60,7 +60,7 @@ def render_validation_page(validation: Validation, logs: Mapping[str, Path], fig
         if words.title == _FAULTS:
             parts.append(FAULT_LEGEND)
     parts += [
-        f"![Both fronts]({figure})",
+        f"![Fronts]({figure})",
         "## Verdicts",
         "\n".join(f"- {line}" for line in verdict_lines(validation, logs)),
     ]
@@ -68,7 +68,7 @@ def render_validation_page(validation: Validation, logs: Mapping[str, Path], fig
 
 
 def verdict_lines(validation: Validation, logs: Mapping[str, Path]) -> list[str]:
-    """Of each point the verdict, the figure that decided it, and how to see its worst flight."""
+    """Verdict of each point with its reason, and the command that replays the worst flight."""
     return [
         f"{name}: {verdict.name}: {verdict.reason}" + (f"; moflock replay {logs[name]}" if name in logs else "")
         for name, verdict in zip(validation.names, validation.verdicts, strict=True)
@@ -76,7 +76,7 @@ def verdict_lines(validation: Validation, logs: Mapping[str, Path]) -> list[str]
 
 
 def to_json(validation: Validation, logs: Mapping[str, Path]) -> dict[str, Any]:
-    """All figures as JSON values; the same for the same settings."""
+    """Results as JSON values."""
     settings, points = validation.settings, []
     for number, name in enumerate(validation.names):
         verdict, log = validation.verdicts[number], logs.get(name)
@@ -97,7 +97,7 @@ def to_json(validation: Validation, logs: Mapping[str, Path]) -> dict[str, Any]:
 
 
 def dumps(content: Mapping[str, Any]) -> str:
-    """As text, without what JSON does not know."""
+    """JSON text; NaN and infinity are errors."""
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
@@ -123,12 +123,12 @@ def _mean(values: NDArray[np.float64]) -> dict[str, float]:
 
 
 def _gap(validation: Validation) -> NDArray[np.float64]:
-    """(P, S, 2)."""
+    """(P, S, 2), objectives of rigid bodies less those of point masses."""
     return np.asarray(validation.objectives[RIGID_BODY] - validation.objectives[POINT_MASS])
 
 
 def _cells(values: NDArray[np.float64], digits: int = 3, sign: str = "") -> list[str]:
-    """Mean and half width over the first axis of (S, K)."""
+    """Format mean and half width over the first axis of (S, K)."""
     pairs = zip(values.mean(axis=0), half_width(values, axis=0), strict=True)
     return [f"{mean:{sign}.{digits}f} ± {width:.{digits}f}" for mean, width in pairs]
 
@@ -140,7 +140,7 @@ def _objectives(validation: Validation) -> Words:
         gaps = _cells(_gap(validation)[number], sign="+")
         columns = [cell for three in zip(point_mass, rigid_body, gaps, strict=True) for cell in three]
         rows.append((name, *columns, validation.verdicts[number].name))
-    head = [f"{name} {what}" for name in _OBJECTIVES for what in ("point mass", "rigid body", "gap")]
+    head = [f"{name} {label}" for name in _OBJECTIVES for label in ("point mass", "rigid body", "gap")]
     return Words("Objectives and verdicts", ("point", *head, "verdict"), rows)
 
 
@@ -159,48 +159,48 @@ def _bodies(validation: Validation) -> Words:
     columns = {
         "touched": _texts(validation.column("touched").mean(axis=1), 1),
         "lost": _texts(validation.column("lost").mean(axis=1), 1),
-        "apart, m": _beside(separation.min(axis=1), point_masses[0].min(axis=1), 2),
+        "separation, m": _with_point_mass(separation.min(axis=1), point_masses[0].min(axis=1), 2),
         "tilt, deg": _texts(np.degrees(validation.column("tilt_max").max(axis=1)), 1),
         "at limit, %": _texts(100 * validation.column("saturated_share").mean(axis=1), 3),
-        "velocity, m/s": _beside(error.mean(axis=1), point_masses[1].mean(axis=1), 3),
-        "altitude, m": _texts(validation.column("altitude_error_rms").mean(axis=1), 3),
-        "at most, m": _texts(validation.column("altitude_error_max").max(axis=1), 2),
+        "velocity error, m/s": _with_point_mass(error.mean(axis=1), point_masses[1].mean(axis=1), 3),
+        "altitude error, m": _texts(validation.column("altitude_error_rms").mean(axis=1), 3),
+        "altitude error max, m": _texts(validation.column("altitude_error_max").max(axis=1), 2),
         "outside, m": _texts(validation.column("outside_max").max(axis=1), 2),
-        "J/m": _texts(validation.energy_per_metre().mean(axis=1), 1),
+        "energy, J/m": _texts(validation.energy_per_metre().mean(axis=1), 1),
     }
     rows = [(name, *(column[number] for column in columns.values())) for number, name in enumerate(validation.names)]
     return Words("Rigid bodies (point masses in brackets)", ("point", *columns), rows)
 
 
 LEGEND = (
-    "Touched and lost: drones per flight. Apart: smallest separation of all flights. Tilt, altitude at most, outside "
-    "(the arena): largest of all flights. At limit: share of time with a rotor at its limit. Velocity: RMS distance "
-    "between velocity and command. Altitude: RMS error. J/m: energy of all rotors over the way of all drones."
+    "Touched, lost: number of drones per flight. Separation: smallest value of all flights. Tilt, altitude error max, "
+    "outside (distance outside the arena): largest values of all flights. At limit: share of time with a rotor at its "
+    "limit. Velocity error, altitude error: RMS. Energy: of all rotors, per metre of path of all drones."
 )
-"""What the columns of the third table are."""
+"""Legend of the table of rigid-body figures."""
 
 
 _FAULTS = "Faults"
 
 
 FAULT_LEGEND = (
-    "Of each point the flights on bodies in which nothing was lost but the drone at fault, and how many others touched "
-    "something, on average. Each fault begins after a third of the flight; one that ends lasts another third. "
-    "Survived: no other drone was lost; unharmed: none touched anything."
+    "For each point: number of rigid-body flights in which no drone was lost except the faulty one, and mean number of "
+    "other drones that touched something. Each fault begins after a third of the flight; temporary faults last for "
+    "another third. Verdicts: survived, no other drone was lost; unharmed, no other drone touched anything."
 )
-"""What the cells of the last table are."""
+"""Legend of the table of faults."""
 
 
 def _faults(validation: Validation) -> Words:
     flights = validation.settings.fault_seeds
     lost, touched = (validation.column(name)[:, :flights] for name in ("lost", "touched"))
-    rows = [("none", "", *_borne((lost == 0).sum(axis=1), flights, touched), "")]
+    rows = [("none", "", *_fault_cells((lost == 0).sum(axis=1), flights, touched), "")]
     for trial in validation.faults:
-        rows.append((trial.name, trial.text, *_borne(trial.survived, flights, trial.touched), trial.verdict))
-    return Words(_FAULTS, ("fault", "what", *validation.names, "all points"), rows)
+        rows.append((trial.name, trial.text, *_fault_cells(trial.survived, flights, trial.touched), trial.verdict))
+    return Words(_FAULTS, ("fault", "description", *validation.names, "verdict"), rows)
 
 
-def _borne(survived: NDArray[np.int64], flights: int, touched: NDArray[Any]) -> list[str]:
+def _fault_cells(survived: NDArray[np.int64], flights: int, touched: NDArray[Any]) -> list[str]:
     pairs = zip(survived, touched.mean(axis=1), strict=True)
     return [f"{count} of {flights}, {mean:.1f} touched" for count, mean in pairs]
 
@@ -225,7 +225,7 @@ def _fault_facts(validation: Validation) -> dict[str, Any]:
     }
 
 
-def _beside(bodies: NDArray[np.float64], point_masses: NDArray[np.float64], digits: int) -> list[str]:
+def _with_point_mass(bodies: NDArray[np.float64], point_masses: NDArray[np.float64], digits: int) -> list[str]:
     pairs = zip(_texts(bodies, digits), _texts(point_masses, digits), strict=True)
     return [f"{body} ({point_mass})" for body, point_mass in pairs]
 
@@ -245,7 +245,7 @@ def _fronts(validation: Validation) -> Words:
         )
         for number in order
     ]
-    return Words("The front again", ("point, best F_1 on bodies first", *map(_spaced, DYNAMICS), "verdict"), rows)
+    return Words("Fronts", ("point, by F_1 of rigid bodies", *map(_spaced, DYNAMICS), "verdict"), rows)
 
 
 def _spaced(dynamics: str) -> str:
@@ -256,11 +256,11 @@ PAGE = "validation.md"
 
 
 JSON = "validation.json"
-"""Files of a validation's directory."""
+"""Names of files in a validation's directory."""
 
 
 def write(found: Validation, logs: Mapping[str, Path], path: Path) -> str:
-    """Write page, figure and JSON into a directory; returns the JSON."""
+    """Write page, figure and JSON into a directory; return the JSON text."""
     content = dumps(to_json(found, logs))
     for name, text in ((JSON, content), (PAGE, render_validation_page(found, logs))):
         with new_file(path / name) as place:

@@ -1,1 +1,1 @@
-"""Which parameter sets are flown next, and the front that results."""
+"""Search loop, algorithms, allocation of flights, and the resulting front."""

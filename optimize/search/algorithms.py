@@ -1,7 +1,7 @@
-"""Where new points come from: adapters over pymoo and pycma that are stepped by hand.
+"""Search algorithms: adapters of pymoo and pycma with an ask-and-tell interface.
 
-Each sees the unit cube and objectives to be maximised, draws its random numbers from a seed of its own, and keeps its
-state to itself, so that asking and telling the same gives the same.
+The algorithms work in the unit cube and maximise all objectives. Each has its own random generator and shares no state,
+so that the same calls of `ask` and `tell` give the same points.
 """
 
 from __future__ import annotations
@@ -16,39 +16,39 @@ from numpy.typing import NDArray
 from moflock_mj.errors import SearchError
 from optimize.search.gaussian_process import Prediction
 
-Judge = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Gives the objectives (n, K), to be maximised, of points (n, D) that have flown, as they are judged by now."""
+Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Function that returns the current estimates of the objectives (n, K) of evaluated points (n, D)."""
 
 
 Predict = Callable[[NDArray[np.float64]], Prediction | None]
-"""Gives what is to be expected of points (n, D) that have not flown; None while nothing can be."""
+"""Function that predicts the objectives of points (n, D); it returns None as long as no prediction is possible."""
 
-_HOPE = 1.0
-"""Standard deviations by which a point that was bred may be better than expected when it is compared with others."""
+_OPTIMISM = 1.0
+"""Standard deviations added to the predicted mean of an offspring when the most promising are selected."""
 
 
 class Algorithm(Protocol):
-    """Breeds points."""
+    """Source of new points."""
 
     def ask(self, predict: Predict) -> NDArray[np.float64]:
-        """New points (n, D), in the unit cube unless it is unbounded.
+        """Return new points (n, D), in the unit cube unless the algorithm is unbounded.
 
         Args:
-            predict: of points that it might ask for; may be used.
+            predict: predicts the objectives of candidates; optional to use.
         """
         ...
 
-    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
-        """Learn from the points last asked for.
+    def tell(self, score: Score, leaders: NDArray[np.float64]) -> None:
+        """Update the algorithm with the points of the last `ask`.
 
         Args:
-            judge: of these, and of all that were asked for before, whose judgement may have changed.
-            leaders: (m, D), the best of all points so far; may be used.
+            score: estimates the objectives of these and all earlier points; the estimates of earlier points may change.
+            leaders: (m, D), the best points so far; optional to use.
         """
         ...
 
     def extra_candidates(self) -> NDArray[np.float64]:
-        """Points (m, D) that it would like to be flown though it has not asked for them; mostly none."""
+        """Further points (m, D) that are worth a flight at the end of a search; usually none."""
         ...
 
 
@@ -60,22 +60,22 @@ def make_algorithm(
     seed: int,
     *,
     offspring_per_slot: int = 1,
-    first_brood: int = 1,
+    first_offspring_per_slot: int = 1,
     unbounded: bool = False,
     start: NDArray[np.float64] | None = None,
 ) -> Algorithm:
-    """The algorithm of a name, of ALGORITHMS.
+    """Create an algorithm by its name.
 
     Args:
-        name: see above.
-        dimensions: D, parameters of a point.
-        objectives: K.
+        name: one of ALGORITHMS.
+        dimensions: D, number of parameters of a point.
+        objectives: K, number of objectives.
         population: points per generation.
-        seed: of its random numbers.
-        offspring_per_slot: points that genetic algorithms breed for one that flies.
-        first_brood: the same in the first generation, of which nothing is known unless it is screened.
-        unbounded: whether it may leave the cube.
-        start: (m, D), points that genetic algorithms begin with, besides random ones.
+        seed: seed of the random generator.
+        offspring_per_slot: offspring of a genetic algorithm per evaluated point.
+        first_offspring_per_slot: the same in the first generation; more than 1 is useful with screening only.
+        unbounded: whether cmaes may leave the unit cube.
+        start: (m, D), points of a genetic algorithm's first generation; random points complete it.
     """
     if name == "cmaes":
         return CovarianceAdaptation(dimensions, population, seed, unbounded=unbounded)
@@ -88,7 +88,7 @@ def make_algorithm(
         population,
         seed,
         offspring_per_slot=offspring_per_slot,
-        first_brood=first_brood,
+        first_offspring_per_slot=first_offspring_per_slot,
         start=start,
     )
 
@@ -98,13 +98,13 @@ class Evolution:
 
     Args:
         name: "nsga2" (Deb et al. 2002) or "unsga3" (Seada and Deb 2016).
-        dimensions: D.
-        objectives: K.
-        population: points that survive, and that are flown, in a generation.
-        seed: of its random numbers.
-        offspring_per_slot: points that are bred for one that flies.
-        first_brood: the same in the first generation.
-        start: (m, D), points of the first generation, which random ones fill up.
+        dimensions: D, number of parameters of a point.
+        objectives: K, number of objectives.
+        population: size of the surviving population, and number of points evaluated in a generation.
+        seed: seed of the random generator.
+        offspring_per_slot: offspring per evaluated point.
+        first_offspring_per_slot: the same in the first generation.
+        start: (m, D), points of the first generation; random points complete it.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Evolution:
         seed: int,
         *,
         offspring_per_slot: int,
-        first_brood: int,
+        first_offspring_per_slot: int,
         start: NDArray[np.float64] | None = None,
     ) -> None:
         from pymoo.algorithms.moo.nsga2 import NSGA2  # noqa: PLC0415 - pymoo takes a second to load
@@ -127,8 +127,8 @@ class Evolution:
         self._dimensions = dimensions
         kinds = {"nsga2": NSGA2, "unsga3": UNSGA3}
         more: dict[str, Any] = {"ref_dirs": _even_directions(objectives, population)} if name == "unsga3" else {}
-        if first_brood > 1 or start is not None:
-            first = np.random.default_rng(seed).random((first_brood * population, dimensions))
+        if first_offspring_per_slot > 1 or start is not None:
+            first = np.random.default_rng(seed).random((first_offspring_per_slot * population, dimensions))
             more["sampling"] = first if start is None else np.concatenate([start, first[len(start) :]])
         self._algorithm = kinds[name](
             pop_size=population,
@@ -144,31 +144,31 @@ class Evolution:
         self._offspring: Any = None
 
     def ask(self, predict: Predict) -> NDArray[np.float64]:
-        """See `Algorithm`. Of a brood that is larger than the population, the most promising points are flown."""
+        """See `Algorithm`. If there are more offspring than slots in the population, return the most promising ones."""
         offspring = self._algorithm.ask()
         if offspring is None:
-            raise SearchError("algorithm: it has no new points to offer; the bounds are too narrow")
+            raise SearchError("algorithm: it finds no new points; the bounds are too narrow")
         expected = predict(offspring.get("X")) if len(offspring) > self._population else None
-        chosen = (
+        selected = (
             _promising(expected, self._population) if expected else np.arange(min(len(offspring), self._population))
         )
-        self._offspring = offspring[chosen]
+        self._offspring = offspring[selected]
         return np.array(self._offspring.get("X"), np.float64)
 
-    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:
-        """See `Algorithm`. Parents are judged anew; leaders that died out, unlucky in some generation, come back."""
+    def tell(self, score: Score, leaders: NDArray[np.float64]) -> None:
+        """See `Algorithm`. Parents get their current estimates; leaders that did not survive are added again."""
         from pymoo.core.population import Population  # noqa: PLC0415
 
-        told = self._offspring
+        evaluated = self._offspring
         parents = self._algorithm.pop
         if parents is not None and len(parents):
-            parents.set("F", -judge(parents.get("X")))
-            known = {point.tobytes() for point in np.concatenate([parents.get("X"), told.get("X")])}
+            parents.set("F", -score(parents.get("X")))
+            known = {point.tobytes() for point in np.concatenate([parents.get("X"), evaluated.get("X")])}
             lost = [point for point in leaders if point.tobytes() not in known]
             if lost:
-                told = Population.merge(told, Population.new(X=np.array(lost)))
-        told.set("F", -judge(told.get("X")))
-        self._algorithm.tell(infills=told)
+                evaluated = Population.merge(evaluated, Population.new(X=np.array(lost)))
+        evaluated.set("F", -score(evaluated.get("X")))
+        self._algorithm.tell(infills=evaluated)
 
     def extra_candidates(self) -> NDArray[np.float64]:
         """See `Algorithm`."""
@@ -181,8 +181,8 @@ class Swarm:
     Args:
         dimensions: D.
         objectives: must be 1.
-        population: particles.
-        seed: of its random numbers.
+        population: number of particles.
+        seed: seed of the random generator.
     """
 
     def __init__(self, dimensions: int, objectives: int, population: int, seed: int) -> None:
@@ -191,20 +191,20 @@ class Swarm:
         self._dimensions = dimensions
         self._algorithm = PSO(pop_size=population, termination=_never(), seed=seed)
         self._algorithm.setup(_cube(dimensions, objectives))
-        self._flown: Any = None
+        self._particles: Any = None
 
     def ask(self, predict: Predict) -> NDArray[np.float64]:  # noqa: ARG002
         """See `Algorithm`."""
-        self._flown = self._algorithm.ask()
-        return np.array(self._flown.get("X"), np.float64)
+        self._particles = self._algorithm.ask()
+        return np.array(self._particles.get("X"), np.float64)
 
-    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:  # noqa: ARG002
-        """See `Algorithm`. The particles' own bests are judged anew."""
+    def tell(self, score: Score, leaders: NDArray[np.float64]) -> None:  # noqa: ARG002
+        """See `Algorithm`. The particles' own best points get their current estimates."""
         bests = self._algorithm.pop
         if bests is not None and len(bests):
-            bests.set("F", -judge(bests.get("X")))
-        self._flown.set("F", -judge(self._flown.get("X")))
-        self._algorithm.tell(infills=self._flown)
+            bests.set("F", -score(bests.get("X")))
+        self._particles.set("F", -score(self._particles.get("X")))
+        self._algorithm.tell(infills=self._particles)
 
     def extra_candidates(self) -> NDArray[np.float64]:
         """See `Algorithm`."""
@@ -212,25 +212,25 @@ class Swarm:
 
 
 class CovarianceAdaptation:
-    """pycma's CMA-ES (Hansen and Ostermeier 2001) from the cube's middle with sigma 0.3, for one objective.
+    """pycma's CMA-ES (Hansen and Ostermeier 2001) from the centre of the cube with sigma 0.3, for one objective.
 
     Args:
         dimensions: D.
         population: points per generation.
-        seed: of its random numbers.
-        unbounded: whether it may leave the cube.
+        seed: seed of the random generator.
+        unbounded: whether points may leave the unit cube.
     """
 
     def __init__(self, dimensions: int, population: int, seed: int, *, unbounded: bool) -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # matplotlib is optional to it, and is none of ours
+            warnings.simplefilter("ignore")  # it warns if matplotlib, which is not used here, is missing
             import cma  # noqa: PLC0415
 
         rng = np.random.default_rng(seed)
         options: dict[str, Any] = {
             "popsize": population,
             "bounds": None if unbounded else [0, 1],
-            # With a seed of its own it would seed NumPy's global generator.
+            # Otherwise pycma seeds NumPy's global generator.
             "randn": lambda *shape: rng.standard_normal(shape),
             "seed": np.nan,
             "verbose": -9,
@@ -244,30 +244,30 @@ class CovarianceAdaptation:
         self._points = self._strategy.ask()
         return np.array(self._points)
 
-    def tell(self, judge: Judge, leaders: NDArray[np.float64]) -> None:  # noqa: ARG002
+    def tell(self, score: Score, leaders: NDArray[np.float64]) -> None:  # noqa: ARG002
         """See `Algorithm`."""
-        self._strategy.tell(self._points, (-judge(np.array(self._points))[:, 0]).tolist())
+        self._strategy.tell(self._points, (-score(np.array(self._points))[:, 0]).tolist())
 
     def extra_candidates(self) -> NDArray[np.float64]:
-        """The middle of its distribution, which it never flies itself."""
+        """Mean of the search distribution, which CMA-ES itself never evaluates."""
         return np.array([self._strategy.result.xfavorite], np.float64)
 
 
 def _promising(expected: Prediction, count: int) -> NDArray[np.int64]:
-    """Numbers of the `count` points that may turn out best, front by front, the last of which by crowding."""
+    """Indices of the `count` points with the best optimistic predictions, by fronts and crowding distance."""
     from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance  # noqa: PLC0415
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting  # noqa: PLC0415
 
-    hoped = expected.mean + _HOPE * expected.deviation
+    optimistic = expected.mean + _OPTIMISM * expected.deviation
     chosen: list[int] = []
-    for front in NonDominatedSorting().do(-hoped, n_stop_if_ranked=count):
-        apart = front[np.argsort(-calc_crowding_distance(-hoped[front]), kind="stable")]
-        chosen.extend(apart[: count - len(chosen)].tolist())
+    for front in NonDominatedSorting().do(-optimistic, n_stop_if_ranked=count):
+        by_crowding = front[np.argsort(-calc_crowding_distance(-optimistic[front]), kind="stable")]
+        chosen.extend(by_crowding[: count - len(chosen)].tolist())
     return np.array(chosen)
 
 
 def _even_directions(objectives: int, count: int) -> NDArray[np.float64]:
-    """`count` directions (count, K) that cover the front evenly: a grid for two objectives, else by Riesz's energy."""
+    """Evenly spaced directions (count, K): a Das-Dennis grid for two objectives, else of minimal Riesz energy."""
     from pymoo.util.ref_dirs import get_reference_directions  # noqa: PLC0415
 
     if objectives == 2:

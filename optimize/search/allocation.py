@@ -1,17 +1,20 @@
-"""How a search spends its flights: which points fly on which seeds, and how much a few noisy flights are believed.
+"""Allocation of a search's budget of flights under noise.
 
-A flight's objectives depend on its seed: the spread over seeds is as large as the differences between good points. The
-best of many single flights is then mostly lucky. A point is therefore judged by its own flights and by those of its
-neighbours (`regression`), which also tells, of many points that were bred, those worth flying; the leaders so far fly
-again in each generation; and the last flights go to the leaders alone.
+The objectives of a flight depend on its seed, and their spread over seeds is as large as the differences between good
+points. The best of many single flights is therefore mostly the one with the largest noise. For this reason
 
-A seed by itself makes half of the spread of F_1 and a fifth of that of F_2, for all points alike. Flown on one common
-seed, a generation's points would be lucky together, and neighbours would not tell. So each evaluation has seeds of its
-own ("refly"), unless common random numbers are asked for: for each generation ("common"), or for all ("fixed", the
-paper's way), where single flights are compared as they are.
+- a point is scored by a Gaussian process over its own flights and those of its neighbours (`gaussian_process`),
+- the same process predicts which of many offspring are worth a flight,
+- the leaders (the best points so far) fly again in each generation,
+- the last part of the budget is spent on the leaders alone.
 
-A search of rigid bodies may be screened: what was bred, and the leaders, fly on a cheaper model, and what that model
-lets believe is what is expected of a body, until bodies teach otherwise.
+The seed alone causes half of the spread of F_1 and a fifth of that of F_2, equally for all points. With one common
+seed, the errors of a generation are correlated, and averaging over neighbours does not reduce them. Each evaluation
+therefore has its own seeds ("refly"). Common random numbers are optional: new ones for each generation ("common"), or
+the same ones for the whole search ("fixed", as in the paper). With "fixed", single flights are compared directly.
+
+A search of rigid bodies may be screened with point masses as the low-fidelity model: the offspring and the leaders fly
+as point masses first. These flights predict the rigid-body objectives, and rigid-body flights correct the prediction.
 """
 
 from __future__ import annotations
@@ -29,11 +32,11 @@ from optimize.search.gaussian_process import Flights, GaussianProcess, Predictio
 
 
 class EvaluationBatch(NamedTuple):
-    """What is to be flown next: each point on each seed.
+    """Points to be flown next, and their seeds.
 
     Attributes:
-        points: (n, D), unit cube.
-        seeds: (n, S), those of each.
+        points: (n, D), in the unit cube.
+        seeds: (n, S), seeds of each point.
     """
 
     points: NDArray[np.float64]
@@ -41,18 +44,18 @@ class EvaluationBatch(NamedTuple):
 
 
 Screen = Callable[[EvaluationBatch], NDArray[np.float64]]
-"""Flies trials on a cheaper model and gives their objectives (n, S, K)."""
+"""Function that flies a batch on the low-fidelity model and returns its objectives (n, S, K)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class NoisePolicy:
-    """What is done about noise.
+    """Treatment of noise.
 
     Attributes:
-        seeds: whose own they are: the "search"'s, each "generation"'s, or each "evaluation"'s.
-        leaders: how many of the best points fly again in each generation.
-        finals: share of the flights that is kept for the leaders at the end.
-        offspring_per_slot: points that are bred for one that flies, the most promising.
+        seeds: what gets new seeds: the whole "search", each "generation", or each "evaluation".
+        leaders: number of leaders that fly again in each generation.
+        finals: share of the budget that is reserved for the leaders at the end.
+        offspring_per_slot: offspring per evaluated point; the most promising one is evaluated.
     """
 
     seeds: str
@@ -62,26 +65,26 @@ class NoisePolicy:
 
 
 def noise_policy(name: str, population: int) -> NoisePolicy:
-    """The policy of a name: "fixed", "common" or "refly"."""
+    """Noise policy by its name: "fixed", "common" or "refly"."""
     if name == "fixed":
         return NoisePolicy(seeds="search", leaders=0, finals=0.0, offspring_per_slot=1)
-    whose = "generation" if name == "common" else "evaluation"
-    return NoisePolicy(seeds=whose, leaders=max(population // 10, 2), finals=0.15, offspring_per_slot=4)
+    renewal = "generation" if name == "common" else "evaluation"
+    return NoisePolicy(seeds=renewal, leaders=max(population // 10, 2), finals=0.15, offspring_per_slot=4)
 
 
 class BudgetAllocator:
-    """Asks an algorithm for points, adds those that fly again, and remembers what all have reached.
+    """Allocator of flights: asks an algorithm for points, adds the leaders, and records all results.
 
     Args:
-        algorithm: breeds points.
-        policy: what is done about noise.
-        population: points that it breeds at a time.
-        dimensions: D, parameters of a point.
-        objectives: K.
-        seeds: flights per point and generation, S.
-        budget: flights.
-        rng: of the flights' seeds.
-        screen_rng: of the seeds of flights on a cheaper model; None if there is none.
+        algorithm: source of new points.
+        policy: treatment of noise.
+        population: number of points per call of the algorithm's `ask`.
+        dimensions: D, number of parameters of a point.
+        objectives: K, number of objectives.
+        seeds: S, flights per point and generation.
+        budget: number of flights.
+        rng: random generator of the flights' seeds.
+        screen_rng: random generator of the seeds of low-fidelity flights; None without screening.
     """
 
     def __init__(
@@ -100,53 +103,53 @@ class BudgetAllocator:
         self._algorithm = algorithm
         self._policy = policy
         self._left = budget
-        self._kept = min(int(policy.finals * budget), budget - population * seeds)  # a first generation must fly
+        self._reserve = min(int(policy.finals * budget), budget - population * seeds)  # leaves a first generation
         self._rng = rng
         self._flights = seeds
         self._seeds = _draw_seeds(rng, seeds)
-        self._asked = EvaluationBatch(np.empty((0, dimensions)), ())
-        self._breeding = True
+        self._batch = EvaluationBatch(np.empty((0, dimensions)), ())
+        self._searching = True
         self._population = population
         self._screen_rng = screen_rng
         self._screened = EvaluationHistory(dimensions, objectives)
-        self._memory = EvaluationHistory(dimensions, objectives, self._screened)
+        self._history = EvaluationHistory(dimensions, objectives, self._screened)
 
     def ask(self, screen: Screen | None = None) -> EvaluationBatch | None:
-        """What to fly next; None when the budget does not allow more.
+        """Return the next batch; None when the budget is spent.
 
         Args:
-            screen: the cheaper model, if the plan was given seeds for it. All that was bred, and the leaders, fly on it
-                first, which the budget does not count.
+            screen: evaluator of the low-fidelity model, used if `screen_rng` was given. The offspring and the leaders
+                fly on it first; these flights do not count towards the budget.
         """
-        leaders = self._memory.leaders(self._policy.leaders)
-        if self._breeding and self._affordable(self._left - self._kept) >= self._population + len(leaders):
-            asked = self._algorithm.ask(lambda offspring: self._predict(offspring, leaders, screen))
-            points = np.concatenate([asked, leaders])
+        leaders = self._history.leaders(self._policy.leaders)
+        if self._searching and self._affordable(self._left - self._reserve) >= self._population + len(leaders):
+            offspring = self._algorithm.ask(lambda candidates: self._predict(candidates, leaders, screen))
+            points = np.concatenate([offspring, leaders])
         else:
-            self._breeding = False
+            self._searching = False
             points = self._finalists(leaders)
         if not len(points):
             return None
-        self._asked = EvaluationBatch(points, self._seeds_of(len(points)))
+        self._batch = EvaluationBatch(points, self._seeds_of(len(points)))
         self._left -= len(points) * self._flights
-        return self._asked
+        return self._batch
 
     def tell(self, values: NDArray[np.float64]) -> None:
-        """What came of the trials last asked for.
+        """Record the results of the last batch.
 
         Args:
             values: (n, S, K), objectives of each flight, to be maximised.
         """
         if not np.isfinite(values).all():
-            raise ValueError("an objective is not finite; an infeasible flight has the worst value instead")
-        self._memory.add(self._asked.points, values)
-        if self._breeding:
-            leaders = self._memory.leaders(self._policy.leaders)
-            self._algorithm.tell(self._memory.judge, leaders)
+            raise ValueError("values: an objective is not finite; it must be the worst value for an infeasible flight")
+        self._history.add(self._batch.points, values)
+        if self._searching:
+            leaders = self._history.leaders(self._policy.leaders)
+            self._algorithm.tell(self._history.score, leaders)
 
     def hypervolume(self) -> float:
-        """Of the front, as the search believes it to be by now."""
-        return hypervolume(self._memory.believed)
+        """Hypervolume of the current estimates of all points."""
+        return hypervolume(self._history.estimates)
 
     def _predict(
         self, offspring: NDArray[np.float64], leaders: NDArray[np.float64], screen: Screen | None
@@ -155,21 +158,21 @@ class BudgetAllocator:
             points = np.concatenate([offspring, leaders])
             seeds = tuple(_draw_seeds(self._screen_rng, self._flights) for _ in points)
             self._screened.add(points, screen(EvaluationBatch(points, seeds)))
-            self._memory.learn()
-        return self._memory.predict(offspring)
+            self._history.learn()
+        return self._history.predict(offspring)
 
     def _finalists(self, leaders: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The leaders, and once what the algorithm would like to see flown, as far as the budget goes."""
+        """The leaders, preceded once by the algorithm's extra candidates, within the budget."""
         if not self._policy.leaders:
             return leaders
-        extra_candidates = self._memory.unknown(self._algorithm.extra_candidates())
+        extra_candidates = self._history.unknown(self._algorithm.extra_candidates())
         return np.concatenate([extra_candidates, leaders])[: self._affordable(self._left)]
 
     def _affordable(self, flights: int) -> int:
         return flights // self._flights
 
     def _seeds_of(self, points: int) -> tuple[tuple[int, ...], ...]:
-        """Seeds (points, S) of the next trials."""
+        """Seeds (points, S) of the next batch."""
         if self._policy.seeds == "evaluation":
             return tuple(_draw_seeds(self._rng, self._flights) for _ in range(points))
         if self._policy.seeds == "generation":
@@ -178,15 +181,15 @@ class BudgetAllocator:
 
 
 class EvaluationHistory:
-    """All points that flew, sums over their flights, and what is believed of them.
+    """All evaluated points, with the sums over their flights and the estimates of their mean objectives.
 
     Args:
-        dimensions: D, parameters of a point.
-        objectives: K.
-        low_fidelity: of flights on a cheaper model, which help to tell what to expect.
+        dimensions: D, number of parameters of a point.
+        objectives: K, number of objectives.
+        low_fidelity: history of low-fidelity flights, which improves the predictions; or None.
 
     Attributes:
-        believed: (n, K), objectives, in the order in which the points first flew.
+        estimates: (n, K), estimated mean objectives, in the order of the points' first flights.
     """
 
     def __init__(self, dimensions: int, objectives: int, low_fidelity: EvaluationHistory | None = None) -> None:
@@ -196,14 +199,14 @@ class EvaluationHistory:
         none = np.empty((0, objectives))
         self._flights = Flights(np.empty((0, dimensions)), np.empty(0), none, none)
         self._process: GaussianProcess | None = None
-        self.believed = np.empty((0, objectives))
+        self.estimates = np.empty((0, objectives))
 
     def add(self, points: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-        """Remember flights: points (n, D) and their values (n, S, K)."""
+        """Add flights: points (n, D) and their objectives (n, S, K)."""
         new = self.unknown(points)
         self._row.update((point.tobytes(), len(self._row)) for point in new)
-        room = np.zeros((len(new), values.shape[2]))
-        added = Flights(new, np.zeros(len(new)), room, room)
+        zeros = np.zeros((len(new), values.shape[2]))
+        added = Flights(new, np.zeros(len(new)), zeros, zeros)
         self._flights = Flights(*(np.concatenate(pair) for pair in zip(self._flights, added, strict=True)))
         rows = self._rows(points)
         np.add.at(self._flights.number, rows, values.shape[1])
@@ -212,44 +215,44 @@ class EvaluationHistory:
         self.learn()
 
     def learn(self) -> None:
-        """Think again about what has flown: something new may be known of it, or of the cheaper model."""
+        """Fit the Gaussian process to all flights so far, and update `estimates`."""
         if self._row:
             low_fidelity = self._low_fidelity._process if self._low_fidelity else None
             self._process = GaussianProcess(self._flights, self._process, low_fidelity)
-            self.believed = self._process.mean()
+            self.estimates = self._process.mean()
 
     def predict(self, points: NDArray[np.float64]) -> Prediction | None:
-        """What is to be expected of points (m, D) that have not flown; None while nothing is known of the noise.
+        """Predict the objectives of points (m, D) that have not flown; None as long as the noise is unknown.
 
-        Until then the cheaper model's word is taken, which these points have flown on, if there is one.
+        With a low-fidelity model, on which these points have flown, return its estimates instead of None.
         """
         if self._process is not None and self._process.noisy:
             return self._process.predict(points)
         if self._low_fidelity is None or not self._low_fidelity._row:
             return None
-        mean = self._low_fidelity.judge(points)
+        mean = self._low_fidelity.score(points)
         return Prediction(mean, np.zeros_like(mean))
 
     def unknown(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Those of the points (n, D) that have not flown, each once."""
+        """Points (m, D) among the given ones (n, D) that have not flown, without duplicates."""
         new = {point.tobytes(): point for point in points if point.tobytes() not in self._row}
         return np.array(list(new.values())).reshape(-1, self._dimensions)
 
-    def judge(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What is believed of points (n, D) that flew: (n, K)."""
-        return self.believed[self._rows(points)]
+    def score(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Estimated mean objectives (n, K) of points (n, D) that have flown."""
+        return self.estimates[self._rows(points)]
 
     def leaders(self, count: int) -> NDArray[np.float64]:
-        """The best `count` points: by non-dominated fronts of what is believed, and those that flew least first."""
+        """The best `count` points by the fronts of their estimates; in a front, those with the fewest flights first."""
         from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting  # noqa: PLC0415
 
         count = min(count, len(self._row))
         if not count:
             return np.empty((0, self._dimensions))
         chosen: list[int] = []
-        for front in NonDominatedSorting().do(-self.believed, n_stop_if_ranked=count):
-            least_flown = front[np.argsort(self._flights.number[front], kind="stable")]
-            chosen.extend(least_flown[: count - len(chosen)].tolist())
+        for front in NonDominatedSorting().do(-self.estimates, n_stop_if_ranked=count):
+            fewest_first = front[np.argsort(self._flights.number[front], kind="stable")]
+            chosen.extend(fewest_first[: count - len(chosen)].tolist())
         return self._flights.points[chosen]
 
     def _rows(self, points: NDArray[np.float64]) -> list[int]:

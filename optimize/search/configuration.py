@@ -1,4 +1,4 @@
-"""What is searched, and how: everything that a search's result depends on."""
+"""Configuration of a search: all inputs on which its result depends."""
 
 from __future__ import annotations
 
@@ -24,33 +24,33 @@ ALGORITHMS = ("nsga2", "unsga3", "cmaes", "pso")
 
 
 SINGLE_OBJECTIVE = ("cmaes", "pso")
-"""The algorithms that maximise the product of all objectives."""
+"""Algorithms that maximise the product of all objectives."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SearchConfig:
-    """How is searched.
+    """Settings of a search.
 
     Raises:
-        SearchError: a value is of the wrong type or out of bounds, or a combination makes no sense.
+        SearchError: a value has the wrong type or is out of bounds, or a combination of values is invalid.
     """
 
-    algorithm: str = quantity("nsga2", "1", "who searches", choices=ALGORITHMS)
-    dynamics: str = quantity("point_mass", "1", "what moves the drones", choices=("point_mass", "rigid_body"))
+    algorithm: str = quantity("nsga2", "1", "search algorithm", choices=ALGORITHMS)
+    dynamics: str = quantity("point_mass", "1", "model of the drones' motion", choices=("point_mass", "rigid_body"))
     noise: str = quantity(
         "refly",
         "1",
-        "fixed: all flights on the same seeds, the paper's way; common: new ones for each generation; refly: for each "
-        "evaluation; but for fixed good points fly again and neighbours are believed",
+        "fixed: the same seeds for all flights, as in the paper; common: new seeds for each generation; refly: new "
+        "seeds for each evaluation. With common and refly, leaders fly again and a Gaussian process averages noise",
         choices=("fixed", "common", "refly"),
     )
     seeds: int = quantity(1, "1", "flights per evaluation", low=1, high=1000)
-    seed: int = quantity(1, "1", "of all random numbers of the search", low=0, high=2**31)
+    seed: int = quantity(1, "1", "seed of all random numbers of the search", low=0, high=2**31)
     population: int = quantity(50, "1", "points per generation", low=4, high=10_000)
-    budget: int = quantity(2000, "1", "flights", low=1, high=10_000_000)
+    budget: int = quantity(2000, "1", "number of flights", low=1, high=10_000_000)
     unbounded: bool = quantity(False, "1", "whether cmaes may leave the bounds")
-    screen: bool = quantity(False, "1", "whether all that is bred flies on point masses, and only the best on bodies")
-    timeout: float | None = quantity(600.0, "s", "of wall time for an evaluation", low=0, open_low=True, high=1e6)
+    screen: bool = quantity(False, "1", "whether all offspring fly as point masses, and only the best as rigid bodies")
+    timeout: float | None = quantity(600.0, "s", "wall time limit of an evaluation", low=0, open_low=True, high=1e6)
 
     def __post_init__(self) -> None:
         check_fields(self, SearchError)
@@ -60,28 +60,28 @@ class SearchConfig:
             raise SearchError(f"screen: it is for the dynamics rigid_body; they are {self.dynamics}")
         if self.screen and (self.algorithm in SINGLE_OBJECTIVE or self.noise == "fixed"):
             raise SearchError(
-                "screen: only nsga2 and unsga3, with refly or common, breed more points than they fly; "
-                f"these are {self.algorithm} and {self.noise}"
+                "screen: it requires nsga2 or unsga3 with the noise refly or common; "
+                f"they are {self.algorithm} and {self.noise}"
             )
         if self.budget < self.population * self.seeds:
             needed = self.population * self.seeds
-            raise SearchError(f"budget: {self.budget} flights; it must be at least a generation's, {needed}")
+            raise SearchError(f"budget: {self.budget} flights; it must be at least one generation, {needed}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Configuration:
-    """A search, resolved: everything that its result depends on.
+    """Resolved configuration of a search: all inputs on which its result depends.
 
     Attributes:
-        scenario: what is flown.
-        bounds: the box that is searched.
-        objectives: what is maximised; cmaes and pso maximise the product of them.
-        settings: how.
-        start: points of the first generation, which random ones fill up.
-        versions: of the libraries.
+        scenario: scenario of the flights.
+        bounds: bounds of the parameters.
+        objectives: objectives to be maximised; cmaes and pso maximise their product.
+        settings: settings of the search.
+        start: points of the first generation; random points complete it.
+        versions: versions of the libraries.
 
     Raises:
-        SearchError: a multi-objective algorithm with a single objective, or points to start from that do not fit.
+        SearchError: a multi-objective algorithm has a single objective, or the start points are unsuitable.
     """
 
     scenario: Scenario = dataclasses.field(default_factory=Scenario)
@@ -93,22 +93,22 @@ class Configuration:
 
     def __post_init__(self) -> None:
         if self.settings.algorithm not in SINGLE_OBJECTIVE and len(self.objectives.names) < 2:
-            raise SearchError(f"objectives: {self.settings.algorithm} must have at least two; there is one")
+            raise SearchError(f"objectives: {self.settings.algorithm} there is one; it must be at least two")
         if self.start and self.settings.algorithm in SINGLE_OBJECTIVE:
-            raise SearchError(f"start: only nsga2 and unsga3 start from points; this is {self.settings.algorithm}")
+            raise SearchError(f"start: it requires nsga2 or unsga3; the algorithm is {self.settings.algorithm}")
         if len(self.start) > self.settings.population:
             raise SearchError(
-                f"start: {len(self.start)} points; there must be at most a population, {self.settings.population}"
+                f"start: {len(self.start)} points; it must be at most the population, {self.settings.population}"
             )
         for point in self.start:
             try:
                 self.bounds.check(point)
-            except SearchError as problem:
-                raise SearchError(f"start: {problem}") from None
+            except SearchError as error:
+                raise SearchError(f"start: {error}") from None
 
     @property
     def job(self) -> Job:
-        """What its executor needs to know."""
+        """Job of the executor."""
         return Job(
             scenario=self.scenario,
             dynamics=self.settings.dynamics,
@@ -119,7 +119,7 @@ class Configuration:
 
     @property
     def screening_job(self) -> Job | None:
-        """What the executor of the point masses needs to know, on which a search of bodies is screened; or None."""
+        """Job of the executor that screens on point masses; None without screening."""
         if not self.settings.screen:
             return None
         scenario = search_scenario(self.scenario, "point_mass")
@@ -127,21 +127,21 @@ class Configuration:
 
     @property
     def maximised(self) -> Objectives:
-        """The objectives as its algorithm sees them."""
+        """Objectives that the algorithm maximises."""
         return self.objectives.single() if self.settings.algorithm in SINGLE_OBJECTIVE else self.objectives
 
     def start_units(self) -> NDArray[np.float64] | None:
-        """The points of the first generation (m, D) in the unit cube; None if there are none."""
+        """Start points (m, D) in the unit cube; None if there are none."""
         if not self.start:
             return None
         return self.bounds.to_unit([list(values_of(point).values()) for point in self.start])
 
     def replace(self, **changes: Any) -> Configuration:
-        """A configuration that differs in the named fields."""
+        """Copy of the configuration with changed fields."""
         return dataclasses.replace(self, **changes)
 
     def to_json(self) -> str:
-        """All but the scenario, which is a TOML file of its own that `moflock fly` takes too."""
+        """JSON text of all fields but the scenario, which is stored as a TOML file that `moflock fly` also reads."""
         content: dict[str, Any] = {"settings": dataclasses.asdict(self.settings)}
         content["policy"] = self.bounds.policy
         content["bounds"] = self.bounds.to_dict()
@@ -152,18 +152,18 @@ class Configuration:
 
     @classmethod
     def from_texts(cls, configuration: str, scenario: str) -> Configuration:
-        """Read what `to_json` and the scenario's `to_toml` wrote.
+        """Read the texts that `to_json` and the scenario's `to_toml` wrote.
 
         Raises:
-            SearchError: not such texts.
+            SearchError: the texts have another form.
         """
         try:
             content = json.loads(configuration)
             flown = Scenario.from_toml(scenario)
-        except (ValueError, RecursionError) as problem:
-            raise SearchError(f"configuration: not JSON: {problem}") from None
-        except ScenarioError as problem:
-            raise SearchError(f"scenario: {problem}") from None
+        except (ValueError, RecursionError) as error:
+            raise SearchError(f"configuration: not JSON: {error}") from None
+        except ScenarioError as error:
+            raise SearchError(f"scenario: {error}") from None
         if not isinstance(content, Mapping):
             raise SearchError("configuration: it must be an object")
         parts = ("settings", "bounds", "objectives", "versions")
@@ -186,8 +186,8 @@ class Configuration:
 def _policy_of(name: Any) -> str:
     try:
         return find_policy(name).name
-    except PointError as problem:
-        raise SearchError(f"configuration: {problem}") from None
+    except PointError as error:
+        raise SearchError(f"configuration: {error}") from None
 
 
 def _points_of(rows: Any, bounds: ParameterBounds) -> tuple[NamedTuple, ...]:
@@ -195,5 +195,5 @@ def _points_of(rows: Any, bounds: ParameterBounds) -> tuple[NamedTuple, ...]:
         raise SearchError("configuration: start: it must be a list of points, each a list of numbers")
     try:
         return tuple(point_from(bounds.spec, row) for row in rows)
-    except PointError as problem:
-        raise SearchError(f"configuration: start: {problem}") from None
+    except PointError as error:
+        raise SearchError(f"configuration: start: {error}") from None

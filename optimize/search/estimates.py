@@ -1,4 +1,4 @@
-"""What an archive knows about its points: mean objectives, how sure they are, and which of them make the front."""
+"""Estimates from an archive: mean objectives of its points, their standard errors, and the front."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from optimize.evaluation.objectives import Objectives
 from optimize.search.gaussian_process import Flights, GaussianProcess
 
 CAUTION = 1.0
-"""Standard errors that are taken off a mean before points are compared: one lucky flight makes no front."""
+"""Standard errors subtracted from a mean before points are compared, so that noise alone puts no point on the front."""
 
 
 class Estimate(NamedTuple):
-    """A point as its flights, and those of its neighbours, judge it.
+    """Estimate of a point's mean objectives.
 
     Attributes:
         params: the point.
-        mean: (K,), what is believed of its mean objectives; see `regression`. Where no point flew twice, so that
-            nothing is known of the noise, the mean over its own flights.
-        std_error: (K,), standard deviation of that belief.
-        flights: how many it flew.
+        mean: (K,), mean predicted by a Gaussian process over all flights (`gaussian_process`). If no point flew twice,
+            the noise is unknown, and it is the mean of the point's own flights.
+        std_error: (K,), standard deviation of the prediction.
+        flights: number of flights of the point.
     """
 
     params: NamedTuple
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
 
 
 def estimates(evaluations: Iterable[Evaluation], objectives: Objectives) -> list[Estimate]:
-    """One estimate per point, in the order in which the points first flew."""
+    """One estimate per point, in the order of the points' first flights."""
     flights: dict[NamedTuple, list[NDArray[np.float64]]] = {}
     for evaluation in evaluations:
         flights.setdefault(evaluation.params, []).extend(objectives.of_columns(evaluation.fitness))
@@ -47,34 +47,34 @@ def estimates(evaluations: Iterable[Evaluation], objectives: Objectives) -> list
         total=np.array([np.sum(rows, axis=0) for rows in flights.values()]),
         squares=np.array([np.sum(np.square(rows), axis=0) for rows in flights.values()]),
     )
-    believed = GaussianProcess(flown).prediction()
+    predicted = GaussianProcess(flown).prediction()
     return [
         Estimate(params, mean, error, int(number))
-        for params, mean, error, number in zip(flights, believed.mean, believed.deviation, flown.number, strict=True)
+        for params, mean, error, number in zip(flights, predicted.mean, predicted.deviation, flown.number, strict=True)
     ]
 
 
 def estimated_front(
     evaluations: Iterable[Evaluation], objectives: Objectives, maximised: Objectives | None = None
 ) -> list[Estimate]:
-    """The points that an archive holds for the front: no other one's cautious mean dominates theirs.
+    """Estimates of the points whose means less CAUTION standard errors are not dominated by another point's.
 
     Args:
-        evaluations: of one search; those up to a generation give the front as it was then.
-        objectives: of the estimates.
-        maximised: by which points are compared, such as the one product of cmaes; `objectives` if absent.
+        evaluations: evaluations of one search; those up to a generation give the front after that generation.
+        objectives: objectives of the returned estimates.
+        maximised: objectives by which the points are compared, such as the product for cmaes; default: `objectives`.
     """
     evaluations = list(evaluations)
     compared = estimates(evaluations, maximised or objectives)
     if not compared:
         return []
-    chosen = non_dominated([estimate.mean - CAUTION * estimate.std_error for estimate in compared])
-    shown = estimates(evaluations, objectives)
-    return [estimate for estimate, is_chosen in zip(shown, chosen, strict=True) if is_chosen]
+    on_front = non_dominated([estimate.mean - CAUTION * estimate.std_error for estimate in compared])
+    returned = estimates(evaluations, objectives)
+    return [estimate for estimate, kept in zip(returned, on_front, strict=True) if kept]
 
 
 def non_dominated(values: ArrayLike) -> NDArray[np.bool_]:
-    """Which of the points with objectives (n, K), to be maximised, no other one dominates: (n,)."""
+    """Mask (n,) of the points with objectives (n, K), to be maximised, that no other point dominates."""
     values = np.asarray(values, np.float64)
     at_least = (values[:, None, :] >= values[None, :, :]).all(axis=2)
     better = (values[:, None, :] > values[None, :, :]).any(axis=2)
@@ -82,7 +82,7 @@ def non_dominated(values: ArrayLike) -> NDArray[np.bool_]:
 
 
 def hypervolume(values: ArrayLike) -> float:
-    """Hypervolume that points with objectives (n, K) dominate, from the origin; all are maximised, in [0, 1]."""
+    """Hypervolume between the origin and points with objectives (n, K) in [0, 1], which are maximised."""
     from pymoo.indicators.hv import HV  # noqa: PLC0415
 
     values = np.asarray(values, np.float64)

@@ -1,4 +1,4 @@
-"""What a finished search has found: gathered from its run directory, with what has to be flown flown once and kept."""
+"""Findings of a finished search, from its run directory; flights that are still missing are made once and stored."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from optimize.search.run_directory import RunDirectory
 FRONT = "front.json"
 LANDMARKS = "landmarks.json"
 COMPONENTS = "pca.json"
-"""Files of a run directory."""
+"""Names of files in a run directory."""
 
 _PAPER_POINTS = ("A", "B", "model_optimum")
-_LAST_EVEN = 10
+_MAX_FRONTS = 10
 
 
 class Volume(NamedTuple):
-    """How a search's hypervolume grew.
+    """Growth of a search's hypervolume.
 
     Attributes:
-        flights: (G,), flown after each generation that tells something.
-        volume: (G,), of what the archive then let believe, with due caution.
+        flights: (G,), number of flights after each generation with an estimate.
+        volume: (G,), hypervolume of the estimates, less CAUTION standard errors, after that generation.
     """
 
     flights: NDArray[np.int64]
@@ -49,20 +49,20 @@ class Volume(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
-    """All that a report shows.
+    """Content of a report.
 
     Attributes:
-        name: of the run directory.
-        configuration: of the search.
-        evaluations: how many the archive has, and how many of them failed.
-        front: flown again on fresh seeds.
-        landmarks: the paper's points, and the best of single-objective runs, flown on the same seeds.
-        landmark_names: of its points.
-        generations: {generation from 1: (n, K)}, the last even fronts as the archive believed them.
-        volumes: {name of a run: its growth}.
-        components: of the fitnesses of random points; None if they were not analysed.
-        parameters: components of the parameters along the front; None for a front of fewer than three points.
-        statistics: flights of the points that are best in the first and in the last objective, with samples.
+        name: name of the run directory.
+        configuration: configuration of the search.
+        evaluations: number of evaluations in the archive, and how many of them failed.
+        front: the front, flown again on fresh seeds.
+        landmarks: the paper's points and the best points of single-objective runs, flown on the same seeds.
+        landmark_names: names of the landmarks.
+        generations: {generation from 1: (n, K)}, estimated fronts after the last even generations.
+        volumes: {name of a run: growth of its hypervolume}.
+        components: principal components of the fitnesses of random points; None if they were not analysed.
+        parameters: principal components of the parameters on the front; None for fewer than three points.
+        statistics: flights, with samples, of the points that are best in the first and in the last objective.
     """
 
     name: str
@@ -79,18 +79,18 @@ class Findings:
 
 
 def flown_front(
-    run: RunDirectory, executor: Executor, seeds: int | None = None, told: ProgressCallback | None = None
+    run: RunDirectory, executor: Executor, seeds: int | None = None, progress: ProgressCallback | None = None
 ) -> ReevaluatedFront:
-    """A run's front on fresh seeds: read from its directory, or flown and written there.
+    """Front of a run on fresh seeds: read from its directory, or flown and stored there.
 
     Args:
-        run: a search that is over.
-        executor: flies in the run's scenario.
-        seeds: the front is flown again if it has flown fewer; None: as many as it has, or SEEDS.
-        told: of progress.
+        run: directory of a finished search.
+        executor: evaluator for the run's scenario.
+        seeds: least number of seeds; a stored front with fewer is flown again. None: any number, or SEEDS if new.
+        progress: called after each flight.
 
     Raises:
-        SearchError: the run has no evaluations, or its front cannot be read.
+        SearchError: the run has no evaluations, or the stored front cannot be read.
     """
     path = run.path / FRONT
     if path.exists():
@@ -110,7 +110,7 @@ def flown_front(
         policy=configuration.bounds.policy,
         seeds=fresh_seeds(SEEDS if seeds is None else seeds, used),
         origin={"algorithm": settings.algorithm, "search_seed": settings.seed, "search_flights": settings.budget},
-        told=told,
+        progress=progress,
     )
     _write(path, front)
     return front
@@ -122,26 +122,26 @@ def gather(
     *,
     compared: Collection[RunDirectory] = (),
     seeds: int | None = None,
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Findings:
-    """Gather what a report shows; flies what was not flown yet.
+    """Gather the content of a report, and make the flights that are missing for it.
 
     Args:
-        run: a search that is over.
-        executor: flies in the run's scenario.
-        compared: other runs in the same scenario; the best point of each single-objective one becomes a landmark.
-        seeds: fresh seeds for each point, as in `flown_front`.
-        told: of progress.
+        run: directory of a finished search.
+        executor: evaluator for the run's scenario.
+        compared: other runs in the same scenario; the best point of each single-objective run becomes a landmark.
+        seeds: number of fresh seeds for each point, as in `flown_front`.
+        progress: called after each flight.
 
     Raises:
-        SearchError: nothing was evaluated, a compared run is of another scenario, or see `flown_front`.
+        SearchError: a compared run has another scenario or other dynamics; or see `flown_front`.
     """
     configuration = run.configuration
     for other in compared:
         same = (other.configuration.scenario, other.configuration.settings.dynamics)
         if same != (configuration.scenario, configuration.settings.dynamics):
-            raise SearchError(f"run directory {other.path}: it must be of the scenario and dynamics of {run.path}")
-    front = flown_front(run, executor, seeds, told)
+            raise SearchError(f"run directory {other.path}: it must have the scenario and the dynamics of {run.path}")
+    front = flown_front(run, executor, seeds, progress)
     entries = list(run.entries())
     points = _paper_points(configuration) | best_singles((run, *compared))
     components = run.path / COMPONENTS
@@ -150,7 +150,7 @@ def gather(
         configuration=configuration,
         evaluations=(len(entries), sum(entry.evaluation.outcome != "ok" for entry in entries)),
         front=front,
-        landmarks=_landmarks(run.path / LANDMARKS, points, front, executor, told),
+        landmarks=_landmarks(run.path / LANDMARKS, points, front, executor, progress),
         landmark_names=tuple(points),
         generations=estimated_fronts(entries, configuration.objectives),
         volumes={_run_name(other): growth(other) for other in (run, *compared)},
@@ -161,7 +161,7 @@ def gather(
 
 
 def best_singles(runs: Collection[RunDirectory]) -> dict[str, NamedTuple]:
-    """The best point of each run with a single objective, by the name of its algorithm."""
+    """Best point of each single-objective run, by the name of its algorithm."""
     found: dict[str, NamedTuple] = {}
     for run in runs:
         settings = run.configuration.settings
@@ -174,27 +174,27 @@ def best_singles(runs: Collection[RunDirectory]) -> dict[str, NamedTuple]:
 
 
 def estimated_fronts(entries: list[Entry], objectives: Objectives) -> dict[int, NDArray[np.float64]]:
-    """The archive's front after each of the last ten even generations: {generation from 1: (n, K)}."""
+    """Estimated front after each of the last ten even generations: {generation from 1: (n, K)}."""
     last = max((entry.generation for entry in entries), default=0) + 1
-    wanted = list(range(2, last + 1, 2))[-_LAST_EVEN:] or [last]
-    return {generation: _believed(entries, objectives, generation) for generation in wanted}
+    numbers = list(range(2, last + 1, 2))[-_MAX_FRONTS:] or [last]
+    return {generation: _estimated(entries, objectives, generation) for generation in numbers}
 
 
 def growth(run: RunDirectory) -> Volume:
-    """How a run's hypervolume grew, generation by generation."""
+    """Growth of a run's hypervolume, generation by generation."""
     entries, objectives = list(run.entries()), run.configuration.objectives
     last = max((entry.generation for entry in entries), default=-1) + 1
     flights = np.zeros(last, np.int64)
     for entry in entries:
         flights[entry.generation] += len(entry.evaluation.seeds)
-    # Before any point has flown twice, nothing is known of the noise, and luck passes for merit.
+    # Before any point has flown twice, the noise is unknown, and the hypervolume would be overestimated.
     first = 2 if run.configuration.settings.noise == "refly" and last > 1 else 1
-    volumes = [hypervolume(_believed(entries, objectives, generation)) for generation in range(first, last + 1)]
+    volumes = [hypervolume(_estimated(entries, objectives, generation)) for generation in range(first, last + 1)]
     return Volume(np.cumsum(flights)[first - 1 :], np.array(volumes))
 
 
-def _believed(entries: list[Entry], objectives: Objectives, generations: int) -> NDArray[np.float64]:
-    """The front of what was believed with due caution after the first generations: (n, K)."""
+def _estimated(entries: list[Entry], objectives: Objectives, generations: int) -> NDArray[np.float64]:
+    """Front (n, K) of the estimates, less CAUTION standard errors, after a number of generations."""
     evaluations = [entry.evaluation for entry in entries if entry.generation < generations]
     known = estimates(evaluations, objectives)
     values = np.array([np.maximum(estimate.mean - CAUTION * estimate.std_error, 0) for estimate in known])
@@ -202,7 +202,7 @@ def _believed(entries: list[Entry], objectives: Objectives, generations: int) ->
 
 
 def _paper_points(configuration: Configuration) -> dict[str, NamedTuple]:
-    """The paper's points; none for another policy than the paper's."""
+    """Points of the paper; none for another policy than the paper's."""
     return {name: load_point(name) for name in _PAPER_POINTS} if configuration.bounds.policy == DEFAULT_POLICY else {}
 
 
@@ -211,23 +211,23 @@ def _landmarks(
     points: dict[str, NamedTuple],
     front: ReevaluatedFront,
     executor: Executor,
-    told: ProgressCallback | None,
+    progress: ProgressCallback | None,
 ) -> ReevaluatedFront:
-    """Points flown as the front was: read, if the file has just these on these seeds, else flown and written."""
-    wanted = np.array([list(values_of(params).values()) for params in points.values()], np.float64)
+    """Points on the seeds of the front: read if the file holds these points and seeds, else flown and stored."""
+    required = np.array([list(values_of(params).values()) for params in points.values()], np.float64)
     if path.exists():
         known = load_front(path)
-        if known.seeds == front.seeds and np.array_equal(known.points, wanted):
+        if known.seeds == front.seeds and np.array_equal(known.points, required):
             return known
     flown = fly_front(
-        wanted,
+        required,
         executor,
         objectives=front.objectives,
         scenario=front.scenario,
         dynamics=front.dynamics,
         policy=front.policy,
         seeds=front.seeds,
-        told=told,
+        progress=progress,
     )
     _write(path, flown)
     return flown

@@ -1,6 +1,6 @@
-"""The front as it holds on fresh seeds: its points flown again, those that remain, its knee, and how to choose one.
+"""Re-evaluation of a front on fresh seeds, its knee, and the choice of a point.
 
-A search keeps what looked best on the seeds that it flew, so its own front is too good to be true.
+A search selects the points that were best on its own seeds, so its own estimate of the front is biased upwards.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from optimize.evaluation.objectives import FITNESS_NAMES, Objectives
 from optimize.search.estimates import CAUTION, estimates, hypervolume, non_dominated
 
 SEEDS = 100
-"""Fresh seeds on which a front is flown."""
+"""Number of fresh seeds for the re-evaluation of a front."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ReevaluatedFront:
-    """Points of a search, flown again.
+    """Points of a search, flown again on fresh seeds.
 
     Attributes:
-        objectives: what was maximised; K of them.
-        scenario: what was flown.
+        objectives: the K objectives.
+        scenario: scenario of the flights.
         dynamics: "point_mass" or "rigid_body".
         policy: name of the policy.
-        seeds: (S,), not used by the search, the same for all points.
+        seeds: (S,), the same for all points; not used by the search.
         points: (n, D).
         fitness: (n, S, 6), or (n, S, 7) with coverage.
-        failed: (n,), flights that failed and count as 0.
-        origin: where the points are from, in words and numbers, for the provenance of a chosen one.
+        failed: (n,), number of failed flights, whose fitness counts as 0.
+        origin: origin of the points, as JSON values, for the provenance of a chosen point.
     """
 
     objectives: Objectives
@@ -57,17 +57,17 @@ class ReevaluatedFront:
     origin: dict[str, Any]
 
     def params(self, number: int) -> NamedTuple:
-        """A point in its policy's own type."""
+        """Point as the parameter type of its policy."""
         return make_params(POLICIES[self.policy], self.points[number].tolist())
 
     @functools.cached_property
     def values(self) -> NDArray[np.float64]:
-        """(n, S, K), the objectives of each flight."""
+        """(n, S, K), objectives of each flight."""
         return self.objectives.of_columns(self.fitness)
 
     @functools.cached_property
     def mean(self) -> NDArray[np.float64]:
-        """(n, K), the objectives' means over the seeds."""
+        """(n, K), means of the objectives over the seeds."""
         return np.asarray(self.values.mean(axis=1))
 
     @functools.cached_property
@@ -77,31 +77,31 @@ class ReevaluatedFront:
 
     @functools.cached_property
     def half_width(self) -> NDArray[np.float64]:
-        """(n, K), half the width of the mean's 95 % confidence interval (Student's t)."""
+        """(n, K), half width of the mean's 95 % confidence interval (Student's t)."""
         return half_width(self.values, axis=1)
 
     @functools.cached_property
     def remaining(self) -> NDArray[np.int64]:
-        """Numbers of the points that no other dominates in the mean, best in the first objective first."""
+        """Indices of the points that are not dominated in the mean, by decreasing first objective."""
         numbers = np.flatnonzero(non_dominated(self.mean))
         return np.asarray(numbers[np.argsort(-self.mean[numbers, 0], kind="stable")])
 
     @property
     def hypervolume(self) -> float:
-        """Of the means, from the origin."""
+        """Hypervolume of the means; the origin is the reference."""
         return hypervolume(self.mean)
 
     @property
     def knee(self) -> int:
-        """Number of the point at the knee."""
+        """Index of the point at the knee."""
         return int(self.remaining[knee(self.mean[self.remaining])])
 
     def best(self, objective: int) -> int:
-        """Number of the point that is best in one objective: 0 gives the paper's A, 1 its B."""
+        """Index of the point that is best in one objective: 0 corresponds to the paper's A, 1 to its B."""
         return int(np.argmax(self.mean[:, objective]))
 
     def to_json(self) -> str:
-        """As `load_front` reads it."""
+        """JSON text that `load_front` reads."""
         content = {
             "objectives": json.loads(self.objectives.to_json()),
             "scenario": self.scenario.to_dict(),
@@ -117,9 +117,9 @@ class ReevaluatedFront:
 
 
 def candidates(evaluations: Sequence[Evaluation], objectives: Objectives, most: int = 50) -> NDArray[np.float64]:
-    """The points of a search that deserve to be flown again: (n, D), at most `most`, front by front.
+    """Points (n, D) of a search for the re-evaluation, at most `most`, front by front.
 
-    A point is ranked by its estimated mean less that mean's standard error: of many that flew once the luckiest lead.
+    Points are ranked by their estimated means less CAUTION standard errors, which ranks points with few flights lower.
     """
     known = estimates((flown for flown in evaluations if flown.outcome == OK), objectives)
     if not known:
@@ -130,9 +130,9 @@ def candidates(evaluations: Sequence[Evaluation], objectives: Objectives, most: 
     while left.size and len(chosen) < most:
         leading = non_dominated(ranked[left])
         front = left[leading][np.argsort(ranked[left[leading], 0])]
-        room = most - len(chosen)
-        if front.size > room:  # keep its ends, and as even a spread between them as there is room for
-            front = front[np.linspace(0, front.size - 1, room).round().astype(int)]
+        free = most - len(chosen)
+        if front.size > free:  # keep the ends, and points between them that are as evenly spread as possible
+            front = front[np.linspace(0, front.size - 1, free).round().astype(int)]
         chosen += front.tolist()
         left = left[~leading]
     return np.array([list(values_of(known[number].params).values()) for number in chosen], np.float64)
@@ -148,30 +148,30 @@ def fly_front(
     policy: str,
     seeds: Sequence[int],
     origin: dict[str, Any] | None = None,
-    told: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> ReevaluatedFront:
     """Fly points on fresh seeds, the same for all.
 
     Args:
-        points: (n, D).
-        executor: flies, in this scenario and with these dynamics.
-        objectives: what was maximised.
-        scenario: what is flown.
-        dynamics: how.
+        points: (n, D), the points.
+        executor: evaluator for this scenario and these dynamics.
+        objectives: objectives of the search.
+        scenario: scenario of the flights.
+        dynamics: "point_mass" or "rigid_body".
         policy: name of the points' policy.
-        seeds: for each point; that the search did not use them is up to the caller.
+        seeds: (S,), seeds of each point; the caller makes sure that the search has not used them.
         origin: see `ReevaluatedFront`.
-        told: of progress.
+        progress: called after each flight.
 
     Raises:
-        SearchError: no points, or fewer than two seeds.
+        SearchError: there are no points, or fewer than two seeds.
     """
     if not len(points):
         raise SearchError("front: it has no points; it must have at least 1")
     if len(seeds) < 2:
-        raise SearchError(f"seeds: {len(seeds)} are too few: it must be at least 2")
+        raise SearchError(f"seeds: {len(seeds)} is too few: it must be at least 2")
     params = [make_params(POLICIES[policy], point) for point in np.asarray(points).tolist()]
-    flown = evaluate_batch(executor, params, [seeds] * len(points), told)
+    flown = evaluate_batch(executor, params, [seeds] * len(points), progress)
     return ReevaluatedFront(
         objectives=objectives,
         scenario=scenario,
@@ -186,10 +186,10 @@ def fly_front(
 
 
 def load_front(path: str | Path) -> ReevaluatedFront:
-    """Read a front that was written by `to_json`.
+    """Read a front that `to_json` wrote.
 
     Raises:
-        SearchError: the file cannot be read, or is none.
+        SearchError: the file cannot be read or holds no front.
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -211,11 +211,11 @@ def load_front(path: str | Path) -> ReevaluatedFront:
 
 
 def knee(values: ArrayLike) -> int:
-    """The point of a front, (n, K), at its knee.
+    """Index of the knee of a front with objectives (n, K).
 
-    With each objective scaled to 0 at its worst and 1 at its best on the front, it is the point farthest above the
-    plane through the extremes (Das, On characterizing the "knee" of the Pareto curve based on normal-boundary
-    intersection, Structural Optimization 18, 1999): that of the largest sum.
+    Each objective is scaled to 0 at its worst and 1 at its best on the front. The knee is the point farthest above the
+    plane through the extremes, which is the one with the largest sum (Das, On characterizing the "knee" of the Pareto
+    curve based on normal-boundary intersection, Structural Optimization 18, 1999).
     """
     v = np.asarray(values, np.float64)
     width = np.ptp(v, axis=0)
@@ -224,15 +224,15 @@ def knee(values: ArrayLike) -> int:
 
 
 def choose(front: ReevaluatedFront, *, weights: Sequence[float] | None = None, min_f1: float | None = None) -> int:
-    """Number of the point of the front that suits best; the knee if nothing is asked.
+    """Index of a point of the front chosen by weights or by a constraint; the knee if neither is given.
 
     Args:
-        front: as flown on fresh seeds.
-        weights: (K,), of the objectives: the largest weighted sum of the means is chosen.
-        min_f1: least mean of the first objective: the best in the second is chosen among those that reach it.
+        front: the front on fresh seeds.
+        weights: (K,), weights of the objectives; the point with the largest weighted sum of means is chosen.
+        min_f1: least mean of the first objective; the point with the best second objective is chosen.
 
     Raises:
-        SearchError: both are given, unusable weights, or a first objective that no point reaches.
+        SearchError: both are given, the weights are invalid, or no point reaches `min_f1`.
     """
     names, mean = front.objectives.names, front.mean[front.remaining]
     if weights is not None and min_f1 is not None:
@@ -240,7 +240,7 @@ def choose(front: ReevaluatedFront, *, weights: Sequence[float] | None = None, m
     if weights is not None:
         w = np.asarray(weights, np.float64)
         if w.shape != (len(names),) or not np.isfinite(w).all() or (w < 0).any() or not w.any():
-            raise SearchError(f"weights: {tuple(weights)} must be {len(names)} numbers of at least 0, not all 0")
+            raise SearchError(f"weights: {tuple(weights)} it must be {len(names)} numbers of at least 0, not all 0")
         return int(front.remaining[np.argmax(mean @ w)])
     if min_f1 is None:
         return front.knee
@@ -248,10 +248,10 @@ def choose(front: ReevaluatedFront, *, weights: Sequence[float] | None = None, m
 
 
 def best_with(front: ReevaluatedFront, wanted: int, *, kept: int, least: float) -> int:
-    """Number of the point that is best in one objective, `wanted`, of those whose mean of `kept` is at least `least`.
+    """Index of the point with the best objective `wanted` among those whose mean objective `kept` is at least `least`.
 
     Raises:
-        SearchError: no point reaches that.
+        SearchError: no point reaches `least`.
     """
     names, mean = front.objectives.names, front.mean[front.remaining]
     if len(names) < 2:
@@ -266,12 +266,12 @@ def best_with(front: ReevaluatedFront, wanted: int, *, kept: int, least: float) 
 
 
 def point_json(front: ReevaluatedFront, number: int, *, rule: str) -> str:
-    """A point of the front as the JSON that `moflock_mj.parameters.points.load_point` reads, with where it is from.
+    """JSON text of a point of the front with its provenance, as `moflock_mj.parameters.points.load_point` reads it.
 
     Args:
-        front: as flown.
-        number: of the point.
-        rule: why this one, in words.
+        front: the front on fresh seeds.
+        number: index of the point.
+        rule: rule by which the point was chosen, in words.
     """
     values = zip(front.objectives.names, front.mean[number], front.deviation[number], strict=True)
     columns = (*FITNESS_NAMES, "coverage")[: front.fitness.shape[-1]]
@@ -297,6 +297,6 @@ def point_json(front: ReevaluatedFront, number: int, *, rule: str) -> str:
 
 
 def _changes(scenario: Scenario) -> dict[str, Any]:
-    """The fields in which a scenario differs from the paper's."""
-    ours, papers = scenario.to_dict(), Scenario().to_dict()
-    return {name: value for name, value in ours.items() if value != papers[name]}
+    """Fields in which a scenario differs from the paper's."""
+    values, defaults = scenario.to_dict(), Scenario().to_dict()
+    return {name: value for name, value in values.items() if value != defaults[name]}

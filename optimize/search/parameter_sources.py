@@ -1,4 +1,4 @@
-"""Points that are asked for by name, by file, or by the search that found them."""
+"""Points given by name, by file, or by the directory of a search."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from optimize.search.front import load_front
 from optimize.search.run_directory import RunDirectory
 
 
-def read_points(asked: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
-    """Points by name, and the seeds that searches behind them have used.
+def read_points(sources: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
+    """Read points by name, and the seeds that the searches among the sources have used.
 
     Args:
-        asked: named points, .json files, and searches' directories, of which the flown front's points are taken.
+        sources: named points, .json files, and search directories, which stand for the points of their fronts.
 
     Raises:
-        MoflockError: there is no such point or directory, or two of the same name.
+        MoflockError: a point or directory does not exist, or two points have the same name.
     """
     points: dict[str, NamedTuple] = {}
     used: set[int] = set()
-    for name in asked:
+    for name in sources:
         path = Path(name)
         if path.is_dir():
             found, seeds = _front_points(path)
@@ -33,7 +33,7 @@ def read_points(asked: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
             found = {path.stem: load_point(name)}
         else:
             known = ", ".join(point_names())
-            raise PointError(f"point {name}: unknown; it must be one of {known}, a .json file or a search's directory")
+            raise PointError(f"point {name}: unknown; it must be one of {known}, a .json file or a search directory")
         for key, params in found.items():
             if key in points:
                 raise PointError(f"point {key}: it is given twice")
@@ -42,11 +42,11 @@ def read_points(asked: Sequence[str]) -> tuple[dict[str, NamedTuple], set[int]]:
 
 
 def _front_points(path: Path) -> tuple[dict[str, NamedTuple], set[int]]:
-    """The remaining points of a search's flown front, and the seeds that it and the search flew."""
+    """Points of a search's re-evaluated front, and the seeds that the search and the front have used."""
     with RunDirectory.open(path) as run:
         used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
     if not (path / FRONT).is_file():
-        raise SearchError(f"run directory {path}: its front must have been flown first: moflock report {path}")
+        raise SearchError(f"run directory {path}: its front must be flown first: moflock report {path}")
     front = load_front(path / FRONT)
     used |= set(front.seeds)
     points = {

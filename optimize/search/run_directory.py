@@ -1,4 +1,4 @@
-"""The directory of one search: its configuration and its archive of evaluations."""
+"""Directory of one search, with its configuration and its archive of evaluations."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from optimize.search.configuration import Configuration
 
 
 class RunDirectory(Archive):
-    """A search's directory, made by `create` or found by `open`.
+    """Directory of a search, made by `create` or opened by `open`.
 
     Attributes:
-        configuration: what is searched, and how.
-        screening: the archive, `screening.sqlite`, of the flights on point masses by which bodies are chosen; or None.
+        configuration: configuration of the search.
+        screening: archive of the screening flights on point masses, `screening.sqlite`; or None.
     """
 
     def __init__(self, path: Path, configuration: Configuration) -> None:
@@ -24,38 +24,38 @@ class RunDirectory(Archive):
         )
 
     def repair(self) -> None:
-        """See `Archive`; both."""
+        """See `Archive`; repairs both archives."""
         super().repair()
         if self.screening:
             self.screening.repair()
 
     def count_damaged(self) -> int:
-        """See `Archive`; the rows of both, while each remembers its own."""
+        """See `Archive`; returns the sum over both archives, while `damaged` stays that of each one."""
         damaged = super().count_damaged()
         return damaged + (self.screening.count_damaged() if self.screening else 0)
 
     def close(self) -> None:
-        """See `Archive`; both."""
+        """See `Archive`; closes both archives."""
         super().close()
         if self.screening:
             self.screening.close()
 
     @classmethod
     def create(cls, path: str | Path, configuration: Configuration) -> RunDirectory:
-        """Make a new run directory.
+        """Create a run directory.
 
         Raises:
-            SearchError: there is something already, or it cannot be written.
+            SearchError: the directory is not empty or cannot be written.
         """
         write_directory(Path(path), configuration.scenario, configuration.to_json())
         return cls(Path(path), configuration)
 
     @classmethod
     def open(cls, path: str | Path) -> RunDirectory:
-        """Open a run directory; what is damaged in its archive is left out.
+        """Open a run directory; damaged rows of its archives are skipped.
 
         Raises:
-            SearchError: it is none, or its configuration or its archive cannot be read at all.
+            SearchError: the path is not a run directory, or its configuration or archive cannot be read.
         """
         run = cls(Path(path), read_directory(Path(path), Configuration.from_texts))
         run.count_damaged()

@@ -1,4 +1,4 @@
-"""The search: a loop that asks, flies, archives and tells."""
+"""Search loop: ask the algorithm for points, evaluate and archive them, and return the results to the algorithm."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from optimize.search.run_directory import RunDirectory
 
 
 class SearchProgress(NamedTuple):
-    """How far a search is.
+    """Progress of a search.
 
     Attributes:
-        generation: the one in flight, from 0.
-        evaluations: done, those of the archive included.
-        flights: done, those on point masses by which a search of bodies is screened left out.
-        screened: done of those.
-        budget: flights in all.
-        hypervolume: of the front so far, as the search itself estimates it; None before the first generation is over.
+        generation: number of the current generation, from 0.
+        evaluations: finished evaluations, with those from the archive and those of the screening.
+        flights: finished flights, without those of the screening.
+        screened: finished flights of the screening.
+        budget: total number of flights.
+        hypervolume: hypervolume as the search estimates it; None before the end of the first generation.
         rate: evaluations per second since this session began.
-        seconds_left: s; None while that cannot be told.
-        infeasible: evaluations that could not be flown.
+        seconds_left: estimated time left, s; None before the first flight.
+        infeasible: number of infeasible evaluations.
     """
 
     generation: int
@@ -49,22 +49,23 @@ class SearchProgress(NamedTuple):
 
 
 Progress = Callable[[SearchProgress], None]
+"""Callback after each evaluation."""
 
 
 class SearchResult(NamedTuple):
-    """What a search found.
+    """Result of a search.
 
     Attributes:
-        front: the points that are not dominated, by what the search knows: the candidates for a re-evaluation.
-        hypervolume: of their estimated means.
-        generations: how many were flown, those at the end included.
-        evaluations: how many, of which
-        infeasible: could not be flown, and
-        replayed: were in the archive already.
-        flights: how many.
-        screened: flights on point masses by which a search of bodies was screened, which all these leave out.
-        seconds: s, wall time of this session.
-        complete: whether the budget is spent; False if it was stopped.
+        front: estimates of the points on the estimated front.
+        hypervolume: hypervolume of their estimated means.
+        generations: number of generations, including the final ones with leaders only.
+        evaluations: number of evaluations, without those of the screening.
+        infeasible: number of infeasible evaluations among them.
+        replayed: number of evaluations that were in the archive already.
+        flights: number of flights, without those of the screening.
+        screened: number of flights of the screening.
+        seconds: wall time of this session, s.
+        complete: whether the budget is spent; False if the search was stopped.
     """
 
     front: list[Estimate]
@@ -87,39 +88,39 @@ def search(
     *,
     screening: Executor | None = None,
 ) -> SearchResult:
-    """Search until the budget is spent, and go on where the archive ends if the run was begun before.
+    """Search until the budget is spent; resume from the archive if it holds evaluations.
 
-    Everything follows from the configuration's seed. A search that was killed and is begun again asks for the same
-    points; those that the archive has are not flown again, and the result is that of a search never killed.
+    The search is deterministic in the configuration's seed. A resumed search requests the same points again, reads
+    archived evaluations instead of repeating them, and ends with the result of an uninterrupted search.
 
     Args:
-        run: the configuration, and the archive that each evaluation is committed to.
-        executor: flies them.
-        progress: told after each evaluation.
-        stop: asked after each evaluation; the search ends, to be resumed, when it says True.
-        screening: flies the configuration's `screening_job`, if it has one.
+        run: run directory with the configuration and the archive.
+        executor: evaluator of the configuration's `job`.
+        progress: called after each evaluation.
+        stop: called after each evaluation; the search stops, and can be resumed, when it returns True.
+        screening: evaluator of the configuration's `screening_job`, if there is one.
 
     Raises:
-        SearchError: the archive is not of this search or cannot be written, or another search is running in it.
+        SearchError: the archive belongs to another search or cannot be written, or another command uses the directory.
     """
     with run.locked():
         run.repair()
         session = _Session(run, executor, screening, progress, stop)
-        plan = make_plan(run.configuration)
+        allocator = make_allocator(run.configuration)
         complete = False
-        with contextlib.suppress(_Stopped):
+        with contextlib.suppress(_SearchStopped):
             while not (stop and stop()):
-                trials = plan.ask(session.screen if screening else None)
-                if trials is None:
+                batch = allocator.ask(session.screen if screening else None)
+                if batch is None:
                     complete = True
                     break
-                plan.tell(session.fly(trials))
-                session.hypervolume = plan.hypervolume()
+                allocator.tell(session.evaluate(batch))
+                session.hypervolume = allocator.hypervolume()
         return session.result(complete=complete)
 
 
-def make_plan(configuration: Configuration) -> BudgetAllocator:
-    """How the configured search spends its flights; the same each time."""
+def make_allocator(configuration: Configuration) -> BudgetAllocator:
+    """Budget allocator of a configuration; deterministic in its seed."""
     settings = configuration.settings
     flight_seeds, algorithm_seed, screen_seeds = np.random.SeedSequence(settings.seed).spawn(3)
     objectives, dimensions = len(configuration.maximised.names), len(configuration.bounds.spec.parameters)
@@ -132,7 +133,7 @@ def make_plan(configuration: Configuration) -> BudgetAllocator:
             settings.population,
             int(algorithm_seed.generate_state(1)[0]),
             offspring_per_slot=policy.offspring_per_slot,
-            first_brood=policy.offspring_per_slot if settings.screen else 1,
+            first_offspring_per_slot=policy.offspring_per_slot if settings.screen else 1,
             unbounded=settings.unbounded,
             start=configuration.start_units(),
         ),
@@ -147,12 +148,12 @@ def make_plan(configuration: Configuration) -> BudgetAllocator:
     )
 
 
-class _Stopped(Exception):  # noqa: N818 - not an error
-    """The search is to end."""
+class _SearchStopped(Exception):  # noqa: N818 - not an error
+    """Raised when `stop` returns True."""
 
 
 class _Session:
-    """The part of a search that flies, archives and counts."""
+    """Evaluation, archiving and counting in one session of a search."""
 
     def __init__(
         self,
@@ -165,67 +166,67 @@ class _Session:
         self._run = run
         self._progress = progress
         self._stop = stop
-        self._flown = _Flown(run, executor)
-        self._screened = _Flown(run.screening, screening) if run.screening and screening else None
+        self._evaluated = _ArchivedEvaluator(run, executor)
+        self._screened = _ArchivedEvaluator(run.screening, screening) if run.screening and screening else None
         self._generation = 0
         self.hypervolume: float | None = None
         self._began = time.monotonic()
 
-    def fly(self, trials: EvaluationBatch) -> NDArray[np.float64]:
-        """Objectives (n, S, K) of a generation, flown or found in the archive.
+    def evaluate(self, batch: EvaluationBatch) -> NDArray[np.float64]:
+        """Objectives (n, S, K) of a generation, evaluated or read from the archive.
 
         Raises:
-            _Stopped: before all were flown.
+            _SearchStopped: the search was stopped before the end of the generation.
         """
-        values = self._values(self._flown, trials)
+        values = self._values(self._evaluated, batch)
         self._generation += 1
         return values
 
-    def screen(self, trials: EvaluationBatch) -> NDArray[np.float64]:
-        """The same on point masses, before the generation flies."""
+    def screen(self, batch: EvaluationBatch) -> NDArray[np.float64]:
+        """The same for the screening on point masses."""
         assert self._screened is not None  # for the type checker: a search that screens has an executor for it
-        return self._values(self._screened, trials)
+        return self._values(self._screened, batch)
 
     def result(self, *, complete: bool) -> SearchResult:
-        configuration, flown = self._run.configuration, self._flown
-        # In the order of their numbers, so that the order of completion changes nothing.
-        evaluations = sorted(flown.evaluations, key=lambda evaluation: evaluation.number)
+        configuration, source = self._run.configuration, self._evaluated
+        # In the order of their numbers, because the order of completion varies.
+        evaluations = sorted(source.evaluations, key=lambda evaluation: evaluation.number)
         front = estimated_front(evaluations, configuration.objectives, configuration.maximised)
         return SearchResult(
             front=front,
             hypervolume=hypervolume([estimate.mean for estimate in front]) if front else 0.0,
             generations=self._generation,
             evaluations=len(evaluations),
-            infeasible=flown.infeasible,
-            replayed=flown.replayed,
-            flights=flown.flights,
+            infeasible=source.infeasible,
+            replayed=source.replayed,
+            flights=source.flights,
             screened=self._screened.flights if self._screened else 0,
             seconds=time.monotonic() - self._began,
             complete=complete,
         )
 
-    def _values(self, flown: _Flown, trials: EvaluationBatch) -> NDArray[np.float64]:
-        first = len(flown.evaluations)
-        points = self._run.configuration.bounds.from_unit(trials.points)
-        pairs = zip(points.tolist(), trials.seeds, strict=True)
+    def _values(self, source: _ArchivedEvaluator, batch: EvaluationBatch) -> NDArray[np.float64]:
+        first = len(source.evaluations)
+        points = self._run.configuration.bounds.from_unit(batch.points)
+        pairs = zip(points.tolist(), batch.seeds, strict=True)
         tasks = [
             EvaluationTask(first + i, self._run.configuration.bounds.params(point), seeds)
             for i, (point, seeds) in enumerate(pairs)
         ]
-        for _ in flown.fly(tasks, self._generation, self._run.configuration):
+        for _ in source.evaluate(tasks, self._generation, self._run.configuration):
             if self._progress:
-                self._progress(self._how_far())
+                self._progress(self._current_progress())
             if self._stop and self._stop():
-                raise _Stopped
-        generation = sorted(flown.evaluations[first:], key=lambda evaluation: evaluation.number)
+                raise _SearchStopped
+        generation = sorted(source.evaluations[first:], key=lambda evaluation: evaluation.number)
         objectives = self._run.configuration.maximised
         return np.array([objectives.of_columns(evaluation.fitness) for evaluation in generation])
 
-    def _how_far(self) -> SearchProgress:
-        kinds = [flown for flown in (self._flown, self._screened) if flown]
-        done = sum(len(flown.evaluations) for flown in kinds)
-        flights, budget = self._flown.flights, self._run.configuration.settings.budget
-        rate = (done - sum(flown.replayed for flown in kinds)) / max(time.monotonic() - self._began, 1e-9)
+    def _current_progress(self) -> SearchProgress:
+        sources = [source for source in (self._evaluated, self._screened) if source]
+        done = sum(len(source.evaluations) for source in sources)
+        flights, budget = self._evaluated.flights, self._run.configuration.settings.budget
+        rate = (done - sum(source.replayed for source in sources)) / max(time.monotonic() - self._began, 1e-9)
         return SearchProgress(
             generation=self._generation,
             evaluations=done,
@@ -235,12 +236,19 @@ class _Session:
             hypervolume=self.hypervolume,
             rate=rate,
             seconds_left=(budget - flights) * done / flights / rate if flights else None,
-            infeasible=self._flown.infeasible,
+            infeasible=self._evaluated.infeasible,
         )
 
 
-class _Flown:
-    """The evaluations of one archive, flown or recalled, in the order in which they came."""
+class _ArchivedEvaluator:
+    """Evaluator that reads known tasks from an archive, and evaluates and archives the others.
+
+    Attributes:
+        evaluations: evaluations so far, in the order of completion.
+        flights: number of their flights.
+        infeasible: number of infeasible evaluations among them.
+        replayed: number of them that were read from the archive.
+    """
 
     def __init__(self, archive: Archive, executor: Executor) -> None:
         self._archive = archive
@@ -249,8 +257,10 @@ class _Flown:
         self.evaluations: list[Evaluation] = []
         self.flights = self.infeasible = self.replayed = 0
 
-    def fly(self, tasks: list[EvaluationTask], generation: int, configuration: Configuration) -> Iterator[Evaluation]:
-        """Recall the tasks that the archive has, fly and archive the others; gives these as they are done."""
+    def evaluate(
+        self, tasks: list[EvaluationTask], generation: int, configuration: Configuration
+    ) -> Iterator[Evaluation]:
+        """Read known tasks from the archive, evaluate and archive the others, and yield the new evaluations."""
         for task in tasks:
             if task.number in self._archived:
                 self._count(self._recall(task, generation, configuration))
@@ -266,7 +276,7 @@ class _Flown:
         self.infeasible += evaluation.outcome != OK
 
     def _recall(self, task: EvaluationTask, generation: int, configuration: Configuration) -> Evaluation:
-        """A task's evaluation from the archive.
+        """Evaluation of a task from the archive.
 
         Raises:
             SearchError: the archive has another task under this number.
@@ -276,23 +286,23 @@ class _Flown:
         if (found.params, found.seeds, entry.generation) == (task.params, task.seeds, generation):
             return found
         then, now = configuration.versions, installed_versions()
-        changed = [f"{name} {then.get(name)} then, {now[name]} now" for name in now if then.get(name) != now[name]]
+        changed = [f"{name} was {then.get(name)}, is {now[name]}" for name in now if then.get(name) != now[name]]
         why = "; ".join(changed) or "its configuration was changed"
         where = f"archive {self._archive.path}: evaluation {task.number}"
-        raise SearchError(f"{where} is not what this search asks for: {why}")
+        raise SearchError(f"{where} is not the one that this search requests: {why}")
 
 
 def open_executors(
     configuration: Configuration, workers: int, scheduler: str | None, resources: contextlib.ExitStack
 ) -> tuple[Executor, Executor | None]:
-    """Workers of a search, and those of the point masses by which it is screened, if it is; they end with `resources`.
+    """Open the executor of a search, and that of its screening if there is one; `resources` closes them.
 
     Raises:
-        MoflockError: none can be had.
+        MoflockError: no worker can be started or reached.
     """
-    own, screening = (
+    main, screening = (
         resources.enter_context(make_executor(job, workers, scheduler)) if job else None
         for job in (configuration.job, configuration.screening_job)
     )
-    assert own is not None  # for the type checker
-    return own, screening
+    assert main is not None  # for the type checker
+    return main, screening

@@ -1,1 +1,1 @@
-"""The reproducible studies of the documentation (`make paper`, `make physics`, `make validation`)."""
+"""Reproducible studies for the documentation (`make paper`, `make physics`, `make validation`)."""

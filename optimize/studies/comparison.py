@@ -1,4 +1,4 @@
-"""Searches compared at equal budgets: what each reached on fresh seeds, over several runs."""
+"""Comparison of searches with equal budgets by their results on fresh seeds, over several runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from optimize.search.front import ReevaluatedFront
 
 SEEDS = 40
-"""Fresh seeds on which the fronts are compared."""
+"""Number of fresh seeds for the comparison of fronts."""
 
 COMPETITORS: Mapping[str, Mapping[str, Any]] = {
     "NSGA-II": {"algorithm": "nsga2"},
@@ -21,16 +21,16 @@ COMPETITORS: Mapping[str, Mapping[str, Any]] = {
     "CMA-ES": {"algorithm": "cmaes"},
     "PSO": {"algorithm": "pso"},
 }
-"""Settings of the searches that are compared, by what they are called."""
+"""Settings of the compared searches, by name."""
 
 
 class Score(NamedTuple):
-    """What R runs of one search reached.
+    """Results of R runs of one search.
 
     Attributes:
-        hypervolume: (R,), of the objectives' means.
-        product: (R,), largest mean product of all fitnesses of a point.
-        best: (R, K), largest mean of each objective.
+        hypervolume: (R,), hypervolume of the mean objectives.
+        product: (R,), largest mean over the points of the product of all objectives.
+        best: (R, K), largest mean over the points of each objective.
     """
 
     hypervolume: NDArray[np.float64]
@@ -39,11 +39,11 @@ class Score(NamedTuple):
 
 
 def score(fronts: Sequence[ReevaluatedFront], seeds: int = SEEDS) -> Score:
-    """Score the fronts of a search's runs, on their first `seeds` fresh seeds.
+    """Score the fronts of a search's runs on their first `seeds` fresh seeds.
 
     Args:
-        fronts: one per run, as flown on at least as many.
-        seeds: see above.
+        fronts: fronts of the R runs, flown on at least `seeds` seeds.
+        seeds: number of seeds.
     """
     equal = [
         dataclasses.replace(front, seeds=front.seeds[:seeds], fitness=front.fitness[:, :seeds]) for front in fronts

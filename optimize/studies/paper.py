@@ -1,7 +1,7 @@
-"""The paper's study from its beginning to its figures: `python -m optimize.studies.paper`, which is `make paper`.
+"""Reproduction of the paper's study: `make paper`, or `python -m optimize.studies.paper`.
 
-Writes `docs/reproduction.md` with the figures beside it, and the project's own named points. Searches and
-fronts that were flown stay in `logs/paper/` and are not flown again; remove that folder to begin anew.
+The study writes `docs/reproduction.md` with its figures, and the project's named points. Searches and fronts are stored
+in `logs/paper/` and are not flown again; remove that folder to repeat them.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from optimize.studies.comparison import score
 from optimize.studies.paper_page import Single, Study, named_points, render_paper_page
 
 NAMED_POINTS = Path(__file__).parents[2] / "moflock_mj" / "parameters" / "named_points"
-"""Where `moflock_mj.parameters.points` finds the project's own points."""
+"""Folder of the project's named points, which `moflock_mj.parameters.points` reads."""
 
 
 class Effort(NamedTuple):
-    """How much is flown.
+    """Numbers of points, runs and flights of the study.
 
     Attributes:
-        points: random points of each principal component analysis.
-        analyses: how many of them, on seeds of their own.
+        points: number of random points of each principal component analysis.
+        analyses: number of principal component analyses, each on its own seed.
         budget: flights of each search.
-        runs: of each search that is compared.
-        fresh: seeds on which searches are compared.
-        seeds: fresh seeds for each point of the front.
-        tracks: flights of each point around the target.
+        runs: number of runs of each compared search.
+        fresh: number of fresh seeds on which the searches are compared.
+        seeds: number of fresh seeds for each point of the front.
+        tracks: number of target-tracking flights of each point.
     """
 
     points: int = 500
@@ -63,21 +63,21 @@ class Effort(NamedTuple):
 
 
 def reproduce(scenario: Scenario, logs: Path, docs: Path, named: Path, *, workers: int, effort: Effort) -> Path:
-    """Do the whole study.
+    """Run the whole study.
 
     Args:
-        scenario: what is flown, on point masses.
-        logs: where the searches go, and are taken up again.
-        docs: gets `reproduction.md` and a folder of figures.
-        named: gets the named points.
-        workers: processes.
-        effort: how much is flown.
+        scenario: scenario of the flights, which are point-mass flights.
+        logs: folder of the searches; existing ones are resumed.
+        docs: output folder for `reproduction.md` and its figures.
+        named: output folder for the named points.
+        workers: number of processes.
+        effort: numbers of points, runs and flights.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
-        MoflockError: something cannot be written.
+        MoflockError: a flight fails or a file cannot be written.
     """
     scenario = search_scenario(scenario, "point_mass")
     pictures = docs / "reproduction"
@@ -94,36 +94,37 @@ def reproduce(scenario: Scenario, logs: Path, docs: Path, named: Path, *, worker
             name: score([_front(path, executor, effort.fresh) for path in paths], effort.fresh)
             for name, paths in runs.items()
         }
-    told = Study(found, analyses, scores, effort.budget, _singles(single, logs, scenario, workers, effort), tracked)
+    singles = _singles(single, logs, scenario, workers, effort)
+    results = Study(found, analyses, scores, effort.budget, effort.fresh, singles, tracked)
     write_report(found, pictures)
-    _draw_flight(told.singles["without bounds"], scenario, pictures / "unbounded.png")
+    _draw_flight(singles["without bounds"], scenario, pictures / "unbounded.png")
     save(lambda: target_figure([tracked["A"][0], tracked["B"][0]], ["Point A", "Point B"]), pictures / "target.png")
     for name, (number, rule) in named_points(found.front).items():
         with new_file(named / f"{name}.json") as place:
             place.write_text(point_json(found.front, number, rule=rule), encoding="utf-8")
     page_path = docs / "reproduction.md"
     with new_file(page_path) as place:
-        place.write_text(render_paper_page(told), encoding="utf-8")
+        place.write_text(render_paper_page(results), encoding="utf-8")
     return page_path
 
 
 def _searched(
     logs: Path, scenario: Scenario, workers: int, effort: Effort, *, coverage: bool = False, **chosen: Any
 ) -> Path:
-    """The directory of a search that is over; a search that was broken off goes on."""
+    """Run a search, or resume it, and return its directory."""
     settings = SearchConfig(budget=effort.budget, **chosen)
     configuration = Configuration(
         scenario=scenario, objectives=PAPER.with_coverage() if coverage else PAPER, settings=settings
     )
-    words = [settings.algorithm, settings.noise, "unbounded" * settings.unbounded, "coverage" * coverage]
-    path = logs / "-".join([*filter(None, words), str(settings.seed)])
+    parts = [settings.algorithm, settings.noise, "unbounded" * settings.unbounded, "coverage" * coverage]
+    path = logs / "-".join([*filter(None, parts), str(settings.seed)])
     known = (path / "configuration.json").exists()
     with (
         RunDirectory.open(path) if known else RunDirectory.create(path, configuration) as run,
         make_executor(run.configuration.job, workers) as executor,
-        flights_progress(path.name) as told,
+        flights_progress(path.name) as progress,
     ):
-        search(run, executor, lambda progress: told(progress.flights, progress.budget))
+        search(run, executor, lambda state: progress(state.flights, state.budget))
     return path
 
 
@@ -131,18 +132,18 @@ def _findings(main: Path, single: Path, executor: Executor, seeds: int) -> Findi
     with (
         RunDirectory.open(main) as run,
         RunDirectory.open(single) as other,
-        flights_progress("front") as told,
+        flights_progress("front") as progress,
     ):
-        return gather(run, executor, compared=[other], seeds=seeds, told=told)
+        return gather(run, executor, compared=[other], seeds=seeds, progress=progress)
 
 
 def _front(path: Path, executor: Executor, seeds: int) -> ReevaluatedFront:
-    with RunDirectory.open(path) as run, flights_progress(f"front of {path.name}") as told:
-        return flown_front(run, executor, seeds, told)
+    with RunDirectory.open(path) as run, flights_progress(f"front of {path.name}") as progress:
+        return flown_front(run, executor, seeds, progress)
 
 
 def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort: Effort) -> dict[str, Single]:
-    """The best points of CMA-ES, within bounds and without, flown on fresh seeds with coverage."""
+    """Best points of CMA-ES with and without bounds, flown on fresh seeds with coverage."""
     runs = {"within bounds": bounded}
     for name, coverage in (("without bounds", False), ("without bounds, with coverage", True)):
         runs[name] = _searched(
@@ -151,11 +152,11 @@ def _singles(bounded: Path, logs: Path, scenario: Scenario, workers: int, effort
     found = {}
     with make_executor(Job(scenario=scenario, dynamics="point_mass", coverage=True), workers) as executor:
         for name, path in runs.items():
-            with RunDirectory.open(path) as run, flights_progress(f"CMA-ES {name}") as told:
+            with RunDirectory.open(path) as run, flights_progress(f"CMA-ES {name}") as progress:
                 (params,) = best_singles([run]).values()
                 used = {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
             seeds = fresh_seeds(effort.fresh, used)
-            flown = evaluate_batch(executor, [params], [seeds], told)
+            flown = evaluate_batch(executor, [params], [seeds], progress)
             found[name] = Single(params, flown.fitness[0], seeds[0])
     return found
 
@@ -167,14 +168,16 @@ def _draw_flight(single: Single, scenario: Scenario, out: Path) -> None:
 
 
 def _analyses(run: Path, scenario: Scenario, workers: int, effort: Effort) -> list[Agreement]:
-    """Principal components on several seeds, from the start that the paper's simulator has; the first is kept."""
+    """Principal components on several seeds, with MOflock's initial state; those of the first seed are stored."""
     found = []
     start = scenario.replace(start="moflock")
     configuration = Configuration(scenario=start)
     with make_executor(Job(scenario=start, dynamics="point_mass"), workers) as executor:
         for seed in range(1, effort.analyses + 1):
-            with flights_progress(f"random points, seed {seed}") as told:
-                components, _ = study(executor, configuration.bounds, points=effort.points, seed=seed, told=told)
+            with flights_progress(f"random points, seed {seed}") as progress:
+                components, _ = study(
+                    executor, configuration.bounds, points=effort.points, seed=seed, progress=progress
+                )
             found.append(agreement(components))
             if seed == 1:
                 with new_file(run / COMPONENTS) as place:
@@ -184,7 +187,7 @@ def _analyses(run: Path, scenario: Scenario, workers: int, effort: Effort) -> li
 
 
 def _tracked(name: str, scenario: Scenario, flights: int) -> list[TargetResult]:
-    """A paper's point around a target in a corner of the arena, its extreme case, flight by flight."""
+    """Flights of a point around a target in a corner of the arena, the paper's extreme case."""
     corner = scenario.arena.extent()
     return [
         track_target(load_point(name), target=corner, scenario=scenario, seed=seed) for seed in range(1, flights + 1)
@@ -192,14 +195,18 @@ def _tracked(name: str, scenario: Scenario, flights: int) -> list[TargetResult]:
 
 
 def main() -> None:
-    """Read the arguments and do the study."""
-    parser = argparse.ArgumentParser(description="Do the paper's study and write docs/reproduction.md.")
+    """Read the arguments and run the study."""
+    parser = argparse.ArgumentParser(description="Reproduce the paper's study and write docs/reproduction.md.")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--logs", type=Path, default=Path("logs/paper"))
     parser.add_argument("--docs", type=Path, default=Path("docs"))
     parser.add_argument("--named", type=Path, default=NAMED_POINTS)
-    asked = parser.parse_args()
-    print(reproduce(Scenario(), asked.logs, asked.docs, asked.named, workers=asked.workers, effort=Effort()))
+    arguments = parser.parse_args()
+    print(
+        reproduce(
+            Scenario(), arguments.logs, arguments.docs, arguments.named, workers=arguments.workers, effort=Effort()
+        )
+    )
 
 
 if __name__ == "__main__":

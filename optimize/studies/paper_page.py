@@ -1,4 +1,4 @@
-"""`docs/reproduction.md`: the paper's study as flown here, in Markdown."""
+"""Page of the reproduction of the paper's study, `docs/reproduction.md`."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from moflock_mj.analysis.target_tracking import TargetResult
 from optimize.analysis.pca import Agreement
 from optimize.analysis.published_results import COVARIANCE, FIRST_COMPONENT, PAPER_RESULTS
+from optimize.evaluation.coverage import CELL, SIGHT
 from optimize.evaluation.objectives import FITNESS_NAMES
 from optimize.reports.tables import markdown
 from optimize.search.findings import Findings
 from optimize.search.front import ReevaluatedFront, best_with, knee
-from optimize.studies import comparison
 from optimize.studies.comparison import Score
 
 _MIN_SHARE = 0.7
-"""What `fast` keeps of the last objective and `cohesive` of the first: a flock that gives one up is no use."""
+"""Least mean of the other objective for the points `fast` and `cohesive`, and of both for `knee`."""
 
 
 class Single(NamedTuple):
-    """The best point of a single-objective search, as flown on fresh seeds.
+    """Best point of a single-objective search, flown on fresh seeds.
 
     Attributes:
         params: the point.
-        fitness: (S, 7), with coverage.
-        seed: the first of the seeds.
+        fitness: (S, 7), fitness of each flight, with coverage.
+        seed: first of the seeds.
     """
 
     params: NamedTuple
@@ -37,27 +37,29 @@ class Single(NamedTuple):
 
 
 class Study(NamedTuple):
-    """All that the page tells.
+    """Content of the page.
 
     Attributes:
-        found: the main search's findings.
-        analyses: principal components on several seeds, beside the paper's.
-        scores: of the searches at equal budgets, by name.
-        budget: flights of each.
-        singles: the best point of CMA-ES within bounds, without, and without but with coverage, by name.
-        tracked: flights of A and B around a target.
+        found: findings of the main search.
+        analyses: agreement of principal components on several seeds with the paper's.
+        scores: scores of the searches with equal budgets, by name.
+        budget: number of flights of each search.
+        fresh: number of fresh seeds on which the searches are compared.
+        singles: best points of CMA-ES within bounds, without bounds, and without bounds but with coverage, by name.
+        tracked: target-tracking flights of A and B, by name.
     """
 
     found: Findings
     analyses: Sequence[Agreement]
     scores: Mapping[str, Score]
     budget: int
+    fresh: int
     singles: Mapping[str, Single]
     tracked: Mapping[str, Sequence[TargetResult]]
 
 
 def named_points(front: ReevaluatedFront) -> dict[str, tuple[int, str]]:
-    """Of each named point its number on the front and the rule by which it is chosen."""
+    """Index on the front of each named point, and the rule by which it is chosen."""
     first, last = front.objectives.names[0], front.objectives.names[-1]
     return {
         "fast": (
@@ -73,22 +75,22 @@ def named_points(front: ReevaluatedFront) -> dict[str, tuple[int, str]]:
 
 
 def _useful_knee(front: ReevaluatedFront) -> int:
-    """Number of the point at the knee of the part of the front that gives up neither objective."""
+    """Index of the knee among the points with both means of at least `_MIN_SHARE`, or else of the whole front."""
     useful = front.remaining[(front.mean[front.remaining] >= _MIN_SHARE).all(axis=1)]
     return int(useful[knee(front.mean[useful])]) if useful.size else front.knee
 
 
 def render_paper_page(study: Study) -> str:
-    """The page."""
+    """Render the page in Markdown."""
     return (
         "\n\n".join(
             [
-                "# The paper's study, flown here",
-                "Written by `make paper`; every number below is from that run. The whole report, with all figures, is "
-                "[reproduction/index.html](reproduction/index.html).",
+                "# Reproduction of the paper's study",
+                "This page is written by `make paper`; all numbers are from that run, unless they are marked as the "
+                "paper's. The full report with all figures is [reproduction/index.html](reproduction/index.html).",
                 _components_section(study.found, study.analyses),
                 _front_section(study.found),
-                _comparison_section(study.scores, study.budget),
+                _comparison_section(study.scores, study.budget, study.fresh),
                 _unbounded_section(study.singles),
                 _target_section(study.tracked),
             ]
@@ -101,13 +103,15 @@ def _components_section(found: Findings, analyses: Sequence[Agreement]) -> str:
     components = found.components
     assert components is not None  # for the type checker: `reproduce` has just written them
     rows = [
-        (f"F_{name}", f"{ours:.3f}", f"{theirs:.3f}")
-        for name, ours, theirs in zip(FITNESS_NAMES, components.components[0], FIRST_COMPONENT, strict=True)
+        (f"F_{name}", f"{here:.3f}", f"{paper:.3f}")
+        for name, here, paper in zip(FITNESS_NAMES, components.components[0], FIRST_COMPONENT, strict=True)
     ]
     matrix = [
-        (f"F_{name}", *(f"{ours:.2f} ({theirs:.2f})" for ours, theirs in zip(mine, papers, strict=True)))
-        for name, mine, papers in zip(FITNESS_NAMES, components.covariance, COVARIANCE, strict=True)
+        (f"F_{name}", *(f"{here:.2f} ({paper:.2f})" for here, paper in zip(row, paper_row, strict=True)))
+        for name, row, paper_row in zip(FITNESS_NAMES, components.covariance, COVARIANCE, strict=True)
     ]
+    difference = np.abs(components.covariance - COVARIANCE).mean(axis=1)
+    farthest = int(np.argmax(difference))
     seeds = [
         (str(seed), f"{near.cosine:.3f}", "yes" if near.same_signs else "no", f"{near.covariance_error:.3f}")
         for seed, near in enumerate(analyses, start=1)
@@ -115,13 +119,16 @@ def _components_section(found: Findings, analyses: Sequence[Agreement]) -> str:
     return "\n\n".join(
         [
             "## Principal components",
-            f"{components.samples} random points, from MOflock's start. First component:",
-            markdown(("", "ours", "paper"), rows),
-            "Covariance, ours (the paper's):",
+            f"{components.samples} random points, with MOflock's initial state. First component:",
+            markdown(("", "here", "paper"), rows),
+            "Covariance, with the paper's in brackets:",
             markdown(("", *(f"F_{name}" for name in FITNESS_NAMES)), matrix),
-            "On several seeds:",
-            markdown(("seed", "cosine", "same signs", "mean difference of covariance"), seeds),
-            "The elements of F_coll differ most: the paper's collisions are tied closer to correlation and connection.",
+            "Agreement with the paper on several seeds:",
+            markdown(
+                ("seed", "cosine of the first components", "same signs", "mean difference of the covariance"), seeds
+            ),
+            f"The covariances of F_{FITNESS_NAMES[farthest]} differ most from the paper's: by "
+            f"{difference[farthest]:.2f} on average.",
             "![Principal components](reproduction/pca.png)",
         ]
     )
@@ -130,29 +137,29 @@ def _components_section(found: Findings, analyses: Sequence[Agreement]) -> str:
 def _front_section(found: Findings) -> str:
     front, marks = found.front, found.landmarks
     rows: list[tuple[str, ...]] = [
-        (f"{name}, the paper's table", f"{r.F_1[0]:.3f} ± {r.F_1[1]:.3f}", f"{r.F_2[0]:.3f} ± {r.F_2[1]:.3f}")
+        (f"{name}, from the paper's table", f"{r.F_1[0]:.3f} ± {r.F_1[1]:.3f}", f"{r.F_2[0]:.3f} ± {r.F_2[1]:.3f}")
         for name, r in PAPER_RESULTS.items()
     ]
     rows += [(f"{name}, flown here", *_cells(marks, number)) for number, name in enumerate(found.landmark_names)]
-    rows += [(f"our `{name}`: {rule}", *_cells(front, number)) for name, (number, rule) in named_points(front).items()]
-    rows += [("our best F_1", *_cells(front, front.best(0))), ("our best F_2", *_cells(front, front.best(-1)))]
+    rows += [(f"`{name}`: {rule}", *_cells(front, number)) for name, (number, rule) in named_points(front).items()]
+    rows += [("best F_1", *_cells(front, front.best(0))), ("best F_2", *_cells(front, front.best(-1)))]
     return "\n\n".join(
         [
             "## Front",
-            f"{found.evaluations[0]} evaluations; the front on {len(front.seeds)} fresh seeds has a hypervolume of "
-            f"{front.hypervolume:.3f}, and {len(front.remaining)} points. Mean ± standard deviation from flight to "
-            "flight:",
+            f"The search has made {found.evaluations[0]} evaluations. Its front on {len(front.seeds)} fresh seeds has "
+            f"{len(front.remaining)} points and a hypervolume of {front.hypervolume:.3f}. Mean ± standard deviation "
+            "over the flights:",
             markdown(("point", *front.objectives.names), rows),
-            "Flights here start apart and at rest. MOflock's drones start with one common velocity, which lends "
-            "correlation and connection (F_2) to points that hardly align by themselves, such as A.",
+            "In these flights, drones start separated and at rest. In MOflock, they start with a common velocity, "
+            "which raises correlation and connection, and so F_2, for points with weak alignment, such as A.",
             "![Front](reproduction/front.png)",
-            "![Last even fronts](reproduction/generations.png)",
+            "![Estimated fronts](reproduction/generations.png)",
             "![Order parameters](reproduction/order_parameters.png)",
         ]
     )
 
 
-def _comparison_section(scores: Mapping[str, Score], budget: int) -> str:
+def _comparison_section(scores: Mapping[str, Score], budget: int, fresh: int) -> str:
     rows = [
         (
             name,
@@ -163,35 +170,41 @@ def _comparison_section(scores: Mapping[str, Score], budget: int) -> str:
         )
         for name, score in scores.items()
     ]
+    means = {name: float(score.hypervolume.mean()) for name, score in scores.items()}
+    best = max(means, key=lambda name: means[name])
+    within = max(float(np.ptp(score.hypervolume)) for score in scores.values())
+    runs = max(len(score.hypervolume) for score in scores.values())
     return "\n\n".join(
         [
-            "## Searches at equal budgets",
-            f"{budget} flights each, three runs; then the 50 points that a search believes in fly on "
-            f"{comparison.SEEDS} fresh seeds, the same for all. Hypervolume from (0, 0); CMA-ES and PSO maximise the "
-            "product of all six fitnesses and are no searches for a front.",
+            "## Searches with equal budgets",
+            f"Each search has {budget} flights and is run {runs} times. The best points of each run are then flown on "
+            f"{fresh} fresh seeds, which are the same for the points of a run. The reference point of the hypervolume "
+            "is (0, 0). CMA-ES and PSO maximise the product of all six fitnesses and do not search for a front.",
             markdown(("search", "hypervolume of each run", "mean", "best product", "best F_1", "best F_2"), rows),
-            "One fixed seed is the paper's way: all points are lucky together with it, and only fresh seeds tell what "
-            "its front is worth. The other searches give each evaluation a seed of its own, fly the leaders again, "
-            "believe a regression over all flights rather than single ones, and let it choose which of four points "
-            "bred is flown. Runs of one search differ by as much as searches do, so none proves better than NSGA-II, "
-            "which stays the default.",
+            "With one fixed seed, as in the paper, the errors of all points are correlated, and only fresh seeds show "
+            "the true objectives of the front. The other searches use a new seed for each evaluation, fly the leaders "
+            "again, and compare points by a Gaussian process over all flights. The genetic algorithms also use it to "
+            "select one of four offspring for each flight.",
+            f"{best} has the highest mean hypervolume, {means[best]:.3f}, and the lowest is {min(means.values()):.3f}. "
+            f"Runs of the same search differ by up to {within:.3f}.",
         ]
     )
 
 
 def _unbounded_section(singles: Mapping[str, Single]) -> str:
-    rows = []
+    rows, shares = [], []
     for name, single in singles.items():
         fitness = dict(zip((*FITNESS_NAMES, "coverage"), single.fitness.mean(axis=0), strict=True))
+        shares.append(f"{fitness['coverage']:.0%} {name}")
         product = single.fitness[:, :6].prod(axis=1).mean()
         rows.append((name, f"{product:.3f}", *(f"{value:.3f}" for value in fitness.values())))
     return "\n\n".join(
         [
             "## Without bounds",
-            "CMA-ES on the product of six, its best point on fresh seeds. Coverage is the share of the arena's 10 m "
-            "cells that came within 25 m of a drone. The paper's search without bounds ended in a flock that circles "
-            "in the middle, which would cover little; ours crosses the arena, with coverage among the fitnesses more "
-            "of it.",
+            "Best points of CMA-ES, which maximises the product of the fitnesses, on fresh seeds. Coverage is the "
+            f"share of the arena's {CELL:g} m cells that came within {SIGHT:g} m of a drone. The paper's search "
+            "without bounds ended with a flock that circles in the middle of the arena. The mean coverage of the "
+            f"flocks here is {', '.join(shares)}.",
             markdown(("search", "product", *(f"F_{name}" for name in FITNESS_NAMES), "coverage"), rows),
             "![Best point without bounds](reproduction/unbounded.png)",
         ]
@@ -202,11 +215,16 @@ def _target_section(tracked: Mapping[str, Sequence[TargetResult]]) -> str:
     def median(values: Sequence[float]) -> str:
         return f"{float(np.median(values)):.4g}"
 
+    def ratio(values: Mapping[str, Sequence[float]]) -> str:
+        return f"{float(np.median(values['A']) / np.median(values['B'])):.2f}"
+
+    amplitudes = {name: [result.sine.amplitude for result in results] for name, results in tracked.items()}
+    frequencies = {name: [result.sine.omega for result in results] for name, results in tracked.items()}
     rows = [
         (
             name,
-            median([result.sine.amplitude for result in results]),
-            median([result.sine.omega for result in results]),
+            median(amplitudes[name]),
+            median(frequencies[name]),
             median([result.F_target for result in results]),
         )
         for name, results in tracked.items()
@@ -216,8 +234,9 @@ def _target_section(tracked: Mapping[str, Sequence[TargetResult]]) -> str:
             "## Target in a corner",
             f"Medians of {len(tracked['A'])} flights:",
             markdown(("point", "amplitude, m", "omega, rad/s", "F_target, rad/(s m)"), rows),
-            "As in the paper, the loosely correlated flock has about half the amplitude and nearly twice the "
-            "frequency. The paper calls that flock B in this passage, and A everywhere else; here it is A.",
+            f"The amplitude of A is {ratio(amplitudes)} times that of B, and its frequency {ratio(frequencies)} times. "
+            "In the paper, the less correlated flock has about half the amplitude and nearly twice the frequency of "
+            "the other one. That passage calls it B; the rest of the paper, and this page, call it A.",
             "![Target](reproduction/target.png)",
         ]
     )

@@ -1,10 +1,10 @@
-"""The front on physics: `python -m optimize.studies.physics`, which is `make physics`.
+"""Study of searches on rigid bodies: `make physics`, or `python -m optimize.studies.physics`.
 
-Searches rigid bodies with and without screening on point masses, and screened from a front that was found on point
-masses, with as many flights of bodies; flies what each found on fresh seeds beside that front. Then it validates the
-most promising of all points that flew safely so far, and names the best of those that still do. Writes
-`docs/physics.md`, its figure and the named point. What was flown once stays in `logs/physics/` and is not flown again;
-remove that folder to begin anew.
+The study searches rigid bodies in three ways with equal numbers of rigid-body flights: without screening, with
+screening on point masses, and with screening from a front found on point masses. It flies all resulting fronts, and the
+front from point masses, as rigid bodies on the same fresh seeds. It then validates the most promising points that were
+safe so far, and names the best one that is still safe. It writes `docs/physics.md`, its figure and the named point. All
+flights are stored in `logs/physics/` and are not repeated; remove that folder to repeat them.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ from optimize.studies.physics_page import (
     fronts_figure,
     render_physics_page,
 )
-from optimize.validation.flyable import NAMED, best_flyable, judge_points, promising_points, provenance
+from optimize.validation.flyable import NAMED, best_flyable, promising_points, provenance, validate_points
 
 
 class Effort(NamedTuple):
-    """How much is flown.
+    """Numbers of runs, points and flights of the study.
 
     Attributes:
-        flights: of bodies, in each search.
-        runs: searches of each kind.
-        points: most points of each front that are flown again.
-        seeds: fresh ones for each of these.
+        flights: rigid-body flights of each search.
+        runs: number of searches of each kind.
+        points: largest number of points of each front that are flown again.
+        seeds: number of fresh seeds for each of these points.
         population: points per generation.
-        judged: points that are validated.
-        trials: fresh seeds for each of these.
+        judged: largest number of points that are validated.
+        trials: number of fresh seeds for each validated point.
     """
 
     flights: int = 500
@@ -75,22 +75,22 @@ class Effort(NamedTuple):
 def make_study(
     scenario: Scenario, point_mass: Path, logs: Path, docs: Path, named: Path, *, effort: Effort, workers: int
 ) -> Path:
-    """Search on bodies, fly all fronts on the same fresh seeds, compare them, and name a point that is flyable.
+    """Search on rigid bodies, compare all fronts on the same fresh seeds, and name a flyable point.
 
     Args:
-        scenario: what is flown; without a point mass of its own it gets that of its airframe.
-        point_mass: a search on point masses whose front was flown: its directory, or its front's file.
-        logs: where the searches go, and are taken up again.
-        docs: gets `physics.md` and a folder with its figure.
-        named: gets the named point.
-        effort: how much is flown.
-        workers: processes.
+        scenario: scenario of the flights; if it sets no point mass, that of its airframe is identified.
+        point_mass: directory of a search on point masses with a re-evaluated front, or the file of the front.
+        logs: folder of the searches; existing ones are resumed.
+        docs: output folder for `physics.md` and its figure.
+        named: output folder for the named point.
+        effort: numbers of runs, points and flights.
+        workers: number of processes.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
-        MoflockError: something cannot be read, flown or written.
+        MoflockError: a flight fails, or a file cannot be read or written.
     """
     found_there = load_front(point_mass / FRONT if point_mass.is_dir() else point_mass)
     screening = _calibrated(scenario, logs)
@@ -111,34 +111,34 @@ def make_study(
         }
     fronts = Fronts(found_there=found_there, point_mass=there, searched=searched)
     points = promising_points(paths, scenario, effort.judged)
-    trials = fresh_seeds(effort.trials, used | set(seeds))
-    judged = judge_points(logs / "judged", points, scenario, trials, workers, TERMINAL)
-    best = best_flyable(judged)
+    validation_seeds = fresh_seeds(effort.trials, used | set(seeds))
+    validated = validate_points(logs / "judged", points, scenario, validation_seeds, workers, TERMINAL)
+    best = best_flyable(validated)
     if best is not None:
         with new_file(named / f"{NAMED}.json") as place:
-            place.write_text(provenance(judged, best), encoding="utf-8")
+            place.write_text(provenance(validated, best), encoding="utf-8")
     with new_file(docs / "physics.md") as place:
         flights = Flights(effort.flights, _screening_flights(runs[SCREENED]), screening.point_mass)
-        place.write_text(render_physics_page(fronts, flights, judged, best), encoding="utf-8")
-    save(lambda: fronts_figure(fronts, judged), docs / "physics" / "fronts.png")
+        place.write_text(render_physics_page(fronts, flights, validated, best), encoding="utf-8")
+    save(lambda: fronts_figure(fronts, validated), docs / "physics" / "fronts.png")
     return docs / "physics.md"
 
 
 def _seeds_of(path: Path) -> set[int]:
-    """The seeds that a search has flown."""
+    """Seeds that a search has used."""
     with RunDirectory.open(path) as run:
         return {seed for evaluation in run.evaluations() for seed in evaluation.seeds}
 
 
 def _calibrated(scenario: Scenario, logs: Path) -> Scenario:
-    """The scenario with its point mass, identified once."""
-    kept = logs / "scenario.toml"
-    if not kept.exists():
+    """Scenario with the identified point mass, which is stored for later runs."""
+    path = logs / "scenario.toml"
+    if not path.exists():
         found = calibrated(scenario)
-        with new_file(kept) as place:
+        with new_file(path) as place:
             place.write_text(found.to_toml(), encoding="utf-8")
         return found
-    known = Scenario.load(kept)
+    known = Scenario.load(path)
     if known.replace(point_mass=scenario.point_mass) != scenario:
         raise SearchError(f"run directory {logs}: it is of another scenario; remove it")
     return known
@@ -147,7 +147,7 @@ def _calibrated(scenario: Scenario, logs: Path) -> Scenario:
 def _searched(
     logs: Path, scenario: Scenario, effort: Effort, seed: int, workers: int, kind: str, start: NDArray[np.float64]
 ) -> Path:
-    """The directory of a search on bodies that is over; a search that was broken off goes on."""
+    """Run a search on rigid bodies, or resume it, and return its directory."""
     path = logs / f"{kind}-{seed}"
     settings = SearchConfig(
         dynamics="rigid_body", screen=kind != PLAIN, seed=seed, budget=effort.flights, population=effort.population
@@ -160,13 +160,13 @@ def _searched(
         if (run.configuration.settings, run.configuration.start) != (settings, first):
             raise SearchError(f"run directory {path}: it is of another search; remove it")
         executor, screening = open_executors(run.configuration, workers, None, resources)
-        told = resources.enter_context(search_progress(run.configuration))
-        search(run, executor, told, screening=screening)
+        progress = resources.enter_context(search_progress(run.configuration))
+        search(run, executor, progress, screening=screening)
     return path
 
 
 def _front_of(path: Path, executor: Executor, scenario: Scenario, seeds: Sequence[int], most: int) -> ReevaluatedFront:
-    """A search's candidates on bodies; the front stays in its directory, where other commands look for it."""
+    """Front of a search on rigid bodies, stored in its directory, where other commands read it."""
     with RunDirectory.open(path) as run:
         points = candidates(run.evaluations(), PAPER, most)
     return _flown(path / FRONT, points, executor, scenario, seeds)
@@ -175,12 +175,12 @@ def _front_of(path: Path, executor: Executor, scenario: Scenario, seeds: Sequenc
 def _flown(
     path: Path, points: NDArray[np.float64], executor: Executor, scenario: Scenario, seeds: Sequence[int]
 ) -> ReevaluatedFront:
-    """Points on bodies: read, if the file has just these on these seeds, else flown and written."""
+    """Front of points as rigid bodies: read if the file holds these points and seeds, else flown and stored."""
     if path.exists():
         known = load_front(path)
         if known.seeds == tuple(seeds) and np.array_equal(known.points, points):
             return known
-    with flights_progress(f"bodies: {path.parent.name}/{path.name}") as told:
+    with flights_progress(f"rigid bodies: {path.parent.name}/{path.name}") as progress:
         front = fly_front(
             points,
             executor,
@@ -189,7 +189,7 @@ def _flown(
             dynamics="rigid_body",
             policy=DEFAULT_POLICY,
             seeds=seeds,
-            told=told,
+            progress=progress,
         )
     with new_file(path) as place:
         place.write_text(front.to_json(), encoding="utf-8")
@@ -197,7 +197,7 @@ def _flown(
 
 
 def _thinned(front: ReevaluatedFront, most: int) -> NDArray[np.float64]:
-    """The points of a front that remain, at most `most`, spread evenly along it, its ends and its knee among them."""
+    """At most `most` points of a front, evenly spread, with its ends and its knee."""
     kept = front.remaining
     if len(kept) > most:
         chosen = np.linspace(0, len(kept) - 1, most).round().astype(int)
@@ -208,17 +208,17 @@ def _thinned(front: ReevaluatedFront, most: int) -> NDArray[np.float64]:
 
 
 def _screening_flights(paths: Sequence[Path]) -> int:
-    """Flights on point masses of all screened searches, on average."""
+    """Mean number of point-mass flights of the screened searches."""
     flights = 0
     for path in paths:
         with RunDirectory.open(path) as run:
-            flights += sum(len(flown.seeds) for flown in run.screening.evaluations()) if run.screening else 0
+            flights += sum(len(evaluation.seeds) for evaluation in run.screening.evaluations()) if run.screening else 0
     return round(flights / len(paths))
 
 
 def main() -> None:
-    """Read the arguments and do the study."""
-    parser = argparse.ArgumentParser(description="Search on physics in three ways: docs/physics.md.")
+    """Read the arguments and run the study."""
+    parser = argparse.ArgumentParser(description="Search on rigid bodies in three ways and write docs/physics.md.")
     parser.add_argument("--point-mass", type=Path, default=Path("logs/paper/nsga2-refly-1"))
     parser.add_argument("--logs", type=Path, default=Path("logs/physics"))
     parser.add_argument("--docs", type=Path, default=Path("docs"))
@@ -227,11 +227,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     for name, value in Effort()._asdict().items():
         parser.add_argument(f"--{name}", type=int, default=value)
-    asked = parser.parse_args()
-    effort = Effort(**{name: getattr(asked, name) for name in Effort._fields})
-    scenario = Scenario(duration=asked.duration)
-    places = (asked.point_mass, asked.logs, asked.docs, asked.named)
-    print(make_study(scenario, *places, effort=effort, workers=asked.workers))
+    arguments = parser.parse_args()
+    effort = Effort(**{name: getattr(arguments, name) for name in Effort._fields})
+    scenario = Scenario(duration=arguments.duration)
+    places = (arguments.point_mass, arguments.logs, arguments.docs, arguments.named)
+    print(make_study(scenario, *places, effort=effort, workers=arguments.workers))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""The validation that stands in the documentation: `python -m optimize.studies.validation`, which is `make validation`.
+"""Validation of the named points for the documentation: `make validation`, or `python -m optimize.studies.validation`.
 
-Writes `docs/validation.md` and its figure. What was flown once stays in `logs/validation/` and is not flown again;
-remove that folder to begin anew.
+The study writes `docs/validation.md` and its figure. All flights are stored in `logs/validation/` and are not repeated;
+remove that folder to repeat them.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from optimize.validation.validation import POINT_MASS, RIGID_BODY, SEEDS, Valida
 POINTS = ("A", "B", "model_optimum", "knee", "fast", "cohesive", "steady")
 
 FAULT_SEEDS = 10
-"""Of the usual seeds, those with which each point flies each fault."""
+"""Number of the seeds on which each point flies each fault."""
 
 
 def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_seeds: int, workers: int) -> Path:
-    """Validate the named points, identify the airframe, and show what the calibrated point mass changes.
+    """Validate the named points, identify the airframe, and compare the calibrated point mass with both dynamics.
 
     Args:
-        scenario: what is flown.
-        logs: the validation's directory, which is taken up again.
-        docs: gets `validation.md` and a folder with its figure.
-        seeds: of each point.
-        fault_seeds: of each point with each of the standard faults.
-        workers: processes.
+        scenario: scenario of the flights.
+        logs: directory of the validation; an existing one is resumed.
+        docs: output folder for `validation.md` and its figure.
+        seeds: number of seeds of each point.
+        fault_seeds: number of seeds of each point with each of the standard faults.
+        workers: number of processes.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
-        MoflockError: something cannot be flown or written, or the directory is of another study.
+        MoflockError: a flight fails, a file cannot be written, or the directory holds another validation.
     """
     found, logged = run_validation(
         logs, make_settings(scenario, POINTS, seeds, fault_seeds), workers=workers, logs=True, terminal=TERMINAL
@@ -65,9 +65,9 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_
     text = "\n\n".join(
         [
             render_validation_page(found, logged, "validation/fronts.png").rstrip(),
-            "## The point mass of this airframe",
-            "Written by `make validation`. `moflock identify` flies velocity steps on the rigid body and fits the "
-            "point mass to them; its delay stands inside the velocity's loop.",
+            "## Point mass of this airframe",
+            "This page is written by `make validation`. `moflock identify` flies velocity steps with the rigid body "
+            "and fits the point mass to them. The delay of the point mass is inside its velocity loop.",
             *sections,
         ]
     )
@@ -78,16 +78,16 @@ def make_study(scenario: Scenario, logs: Path, docs: Path, *, seeds: int, fault_
 
 
 def calibration_tables(found: Validation, calibrated: FlownPoints) -> tuple[Words, Words]:
-    """What the calibrated point mass changes: objectives, and the velocity error, beside both dynamics."""
+    """Tables of the effect of calibration on the objectives, and of velocity errors with both dynamics."""
     plain_values, body_values = (found.objectives[dynamics] for dynamics in (POINT_MASS, RIGID_BODY))
-    ours = PAPER.of_columns(calibrated.fitness)
-    # Seed by seed: what the seeds have in common is in neither gap.
-    differences = (plain_values - body_values, ours - body_values, ours - plain_values)
+    fitted_values = PAPER.of_columns(calibrated.fitness)
+    # Differences on the same seed do not contain the spread between the seeds.
+    differences = (plain_values - body_values, fitted_values - body_values, fitted_values - plain_values)
     objectives = [
         (name, *(_with_error(difference[number, :, k]) for k in range(2) for difference in differences))
         for number, name in enumerate(found.names)
     ]
-    gaps = ("point mass less body", "calibrated less body", "calibrated less point mass")
+    gaps = ("point mass less rigid body", "calibrated less rigid body", "calibrated less point mass")
     head = [f"{name}: {what}" for name in PAPER.names for what in gaps]
     column = FIGURE_NAMES.index("velocity_error_rms")
     plain, body = (found.column("velocity_error_rms", dynamics).mean(axis=1) for dynamics in (POINT_MASS, RIGID_BODY))
@@ -97,10 +97,17 @@ def calibration_tables(found: Validation, calibrated: FlownPoints) -> tuple[Word
         for number, name in enumerate(found.names)
     ]
     return (
-        Words("What calibration changes, seed by seed", ("point", *head), objectives),
+        Words("Effect of calibration on the objectives, difference on the same seed", ("point", *head), objectives),
         Words(
             "Velocity error, m/s RMS",
-            ("point", "point mass", "calibrated", "rigid body", "point mass less body", "calibrated less body"),
+            (
+                "point",
+                "point mass",
+                "calibrated",
+                "rigid body",
+                "point mass less rigid body",
+                "calibrated less rigid body",
+            ),
             errors,
         ),
     )
@@ -117,17 +124,17 @@ def _shares(
 
 
 def _calibrated(found: Validation, response: PointMassConfig, workers: int) -> FlownPoints:
-    """The same points and seeds on point masses with the response of the airframe."""
+    """Fly the same points and seeds as point masses with the response of the airframe."""
     settings = found.settings
     scenario = search_scenario(settings.scenario.replace(point_mass=response), "point_mass")
     points = list(settings.points.values())
     job = Job(scenario=scenario, dynamics="point_mass", policy=settings.policy)
-    with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as told:
-        return evaluate_batch(executor, points, [settings.seeds] * len(points), told)
+    with make_executor(job, workers) as executor, flights_progress("calibrated point masses") as progress:
+        return evaluate_batch(executor, points, [settings.seeds] * len(points), progress)
 
 
 def main() -> None:
-    """Read the arguments and do the study."""
+    """Read the arguments and run the study."""
     parser = argparse.ArgumentParser(description="Validate the named points and write docs/validation.md.")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--logs", type=Path, default=Path("logs/validation"))
@@ -135,10 +142,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--fault-seeds", type=int, default=FAULT_SEEDS)
     parser.add_argument("--duration", type=float, default=Scenario().duration)
-    asked = parser.parse_args()
-    scenario = Scenario(duration=asked.duration)
-    effort = {"seeds": asked.seeds, "fault_seeds": asked.fault_seeds, "workers": asked.workers}
-    print(make_study(scenario, asked.logs, asked.docs, **effort))
+    arguments = parser.parse_args()
+    scenario = Scenario(duration=arguments.duration)
+    effort = {"seeds": arguments.seeds, "fault_seeds": arguments.fault_seeds, "workers": arguments.workers}
+    print(make_study(scenario, arguments.logs, arguments.docs, **effort))
 
 
 if __name__ == "__main__":

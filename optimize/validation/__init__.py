@@ -1,1 +1,1 @@
-"""Whether a found parameter set is flyable: seeds, drones, wind, faults."""
+"""Validation of points on rigid bodies: verdicts over seeds, and faults."""

@@ -1,4 +1,4 @@
-"""How points bear the standard faults: what is lost besides the drone at fault."""
+"""Trials of points under the standard faults: losses other than the faulty drone."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class FaultTrial:
-    """How P points have borne a fault, on bodies, in S flights each.
+    """Results of P points under one fault, as rigid bodies, in S flights each.
 
     Attributes:
-        name: of the fault.
-        text: what it is.
-        lost: (P, S), drones lost that the fault itself had not brought down; all, in a flight that failed.
-        touched: (P, S), drones that touched another one or the ground, counted in the same way.
+        name: name of the fault.
+        text: description of the fault.
+        lost: (P, S), lost drones, without the one that the fault itself brings down; all drones if a flight failed.
+        touched: (P, S), drones that touched another drone or the ground, counted in the same way.
         objectives: (P, S, 2), F_1 and F_2.
     """
 
@@ -40,12 +40,12 @@ class FaultTrial:
 
     @property
     def survived(self) -> NDArray[np.int64]:
-        """(P,), flights in which nothing was lost but the drone at fault."""
+        """(P,), number of flights in which no drone was lost except the faulty one."""
         return np.asarray((self.lost == 0).sum(axis=1))
 
     @property
     def verdict(self) -> str:
-        """Of all flights: "unharmed" if no other drone touched anything, "survived" if none was lost."""
+        """Verdict over all flights: "unharmed" (no other drone touched anything), "survived" or "not survived"."""
         if self.lost.any():
             return "not survived"
         return "survived" if self.touched.any() else "unharmed"
@@ -54,13 +54,13 @@ class FaultTrial:
 def fault_trials(
     faults: Mapping[str, Scenario], flown: Sequence[Evaluation], *, points: int, seeds: int
 ) -> tuple[FaultTrial, ...]:
-    """How the faults were borne.
+    """Results of the trials, one per fault.
 
     Args:
-        faults: the scenario with each of them, by name.
-        flown: one flight each, in the order of the faults, then of the points.
-        points: P.
-        seeds: S.
+        faults: the scenario with each fault, by the name of the fault.
+        flown: evaluations of one flight each, ordered by fault, then by point, then by seed.
+        points: P, number of points.
+        seeds: S, number of flights of each point with each fault.
     """
     shape, trials = (points, seeds), []
     for number, (name, scenario) in enumerate(faults.items()):
@@ -86,27 +86,27 @@ def fault_trials(
 
 
 def _or_all(scenario: Scenario, drones: float) -> int:
-    """A number of drones; all of them where a flight failed."""
+    """Number of drones; all drones of the scenario if the flight failed (NaN)."""
     return int(drones) if math.isfinite(drones) else scenario.drones
 
 
 def standard_faults(scenario: Scenario) -> dict[str, Scenario]:
-    """The set of faults that a flock should survive: the scenario with each kind of fault alone, by name.
+    """Scenarios with each of the faults that a flock should survive, by the name of the fault.
 
-    Each begins after a third of the flight, when the flock has formed, and one that may end lasts another third, but
-    for the rotor, which stays damaged. It befalls drone 0, since all are alike; packet loss befalls all, and blackout
-    one drone or all. Point masses refuse `rotor_failure`.
+    Each fault begins after a third of the flight, when the flock has formed. A temporary fault lasts for another third;
+    a damaged rotor and a power failure are permanent. The faults affect drone 0, as all drones are alike; packet loss
+    affects all drones, and a blocked receiver one drone or all. Point masses do not support `rotor_failure`.
     """
     at = scenario.duration / 3
-    passing = functools.partial(FaultConfig, at=at, duration=at)
+    temporary = functools.partial(FaultConfig, at=at, duration=at)
     faults = {
         "rotor_failure": FaultConfig(kind="rotor_failure", at=at, drone=0, rotor=0, effectiveness=0.5),
-        "gps_loss": passing(kind="gps_loss", drone=0),
-        "gps_jump": passing(kind="gps_jump", drone=0, jump=(10.0, 0.0)),
-        "cannot_receive": passing(kind="cannot_receive", drone=0),
-        "cannot_receive_all": passing(kind="cannot_receive"),
-        "link_loss": passing(kind="link_loss", share=0.5),
-        "cannot_transmit": passing(kind="cannot_transmit", drone=0),
+        "gps_loss": temporary(kind="gps_loss", drone=0),
+        "gps_jump": temporary(kind="gps_jump", drone=0, jump=(10.0, 0.0)),
+        "cannot_receive": temporary(kind="cannot_receive", drone=0),
+        "cannot_receive_all": temporary(kind="cannot_receive"),
+        "link_loss": temporary(kind="link_loss", share=0.5),
+        "cannot_transmit": temporary(kind="cannot_transmit", drone=0),
         "power_off": FaultConfig(kind="power_off", at=at, drone=0),
     }
     return {name: scenario.replace(faults=(fault,)) for name, fault in faults.items()}

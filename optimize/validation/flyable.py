@@ -1,4 +1,4 @@
-"""Of the points that searches on bodies have flown, those that are flyable, and which of these to begin with."""
+"""Selection of flyable points among those that searches of rigid bodies have evaluated."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from optimize.validation.run import Terminal, run_validation
 from optimize.validation.validation import DYNAMICS, RIGID_BODY, Validation, ValidationConfig
 
 NAMED = "steady"
-"""What the best flyable point is called."""
+"""Name of the best flyable point."""
 
 RULE = "largest product of mean F_1 and F_2 of the points that are flyable and keep twice the least separation"
-"""Twice, since what 20 flights have just kept, the next 20 may not."""
+"""Rule for the choice of the named point. The separation is doubled because other seeds may give a smaller one."""
 
 
 def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dict[str, NamedTuple]:
-    """Candidates, at most `most`, among points that kept all limits, and twice the separation, in all their flights.
+    """Candidates among the points that kept all limits, and twice the least separation, in all their flights.
 
     Args:
-        runs: directories of searches on bodies.
-        scenario: says the limits and the airframe.
-        most: of the points.
+        runs: directories of searches of rigid bodies.
+        scenario: scenario with the limits and the airframe.
+        most: largest number of points.
 
     Returns:
-        The points by name, P1 and so on.
+        The points by name: P1, P2 and so on.
     """
     flown: defaultdict[NamedTuple, list[Evaluation]] = defaultdict(list)
     for path in runs:
@@ -56,7 +56,7 @@ def promising_points(runs: Sequence[Path], scenario: Scenario, most: int) -> dic
     return {f"P{number}": make_params(spec, point) for number, point in enumerate(points.tolist(), 1)}
 
 
-def judge_points(
+def validate_points(
     path: Path,
     points: Mapping[str, NamedTuple],
     scenario: Scenario,
@@ -64,17 +64,17 @@ def judge_points(
     workers: int,
     terminal: Terminal,
 ) -> Validation:
-    """Validate points in a directory, which is taken up again.
+    """Validate points in a directory, or resume the validation there.
 
     Raises:
-        MoflockError: there are none, or see `run_validation`.
+        MoflockError: there are no points, or see `run_validation`.
     """
     settings = ValidationConfig(scenario=scenario, points=points, seeds=seeds)
     return run_validation(path, settings, workers=workers, logs=False, terminal=terminal)[0]
 
 
 def best_flyable(found: Validation) -> int | None:
-    """Number of the point that `RULE` chooses; None if there is none."""
+    """Index of the point that `RULE` chooses; None if no point is flyable."""
     flown = zip(found.figures[RIGID_BODY], found.failed[RIGID_BODY], strict=True)
     safe = [i for i, (figures, failed) in enumerate(flown) if _is_safe(figures, int(failed), found.settings.scenario)]
     products = found.objectives[RIGID_BODY].mean(axis=1).prod(axis=1)
@@ -82,7 +82,7 @@ def best_flyable(found: Validation) -> int | None:
 
 
 def front_on_bodies(found: Validation) -> ReevaluatedFront:
-    """The points of a validation as they flew on bodies."""
+    """Front with the points of a validation and their flights as rigid bodies."""
     return ReevaluatedFront(
         objectives=PAPER,
         scenario=found.settings.scenario,
@@ -97,12 +97,12 @@ def front_on_bodies(found: Validation) -> ReevaluatedFront:
 
 
 def provenance(found: Validation, number: int) -> str:
-    """A point of a validation as the JSON of a named point."""
+    """JSON text of a point of a validation, as a named point."""
     return point_json(front_on_bodies(found), number, rule=RULE)
 
 
 def _is_safe(figures: NDArray[np.float64], failed: int, scenario: Scenario) -> bool:
-    """Whether flights (S, F) would make a point flyable even if drones had to keep twice as far apart."""
+    """Whether flights (S, F) make a point flyable with twice the least separation."""
     diameter, limits = 2 * load_airframe(scenario.airframe).radius, scenario.verdict
     stricter = dataclasses.replace(limits, separation=2 * limits.least_separation(diameter))
     return judge(figure_columns(figures), failed, stricter, diameter).name == FLYABLE

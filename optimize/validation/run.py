@@ -1,4 +1,4 @@
-"""A validation from its settings to its findings."""
+"""Execution of a validation: flights, results and logs."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from optimize.validation.validation import (
 )
 
 LOGS = "logs"
-"""Folder of the worst flights' logs in a validation's directory."""
+"""Folder with the logs of the worst flights in a validation's directory."""
 
 
 class Terminal(NamedTuple):
-    """How a validation reports its progress and is stopped.
+    """Progress report and interruption of a validation.
 
     Attributes:
-        progress: opens a progress report with this title; called with the flights that are done and all.
-        stop: opens what answers whether the user has asked to stop.
+        progress: opens a progress report with a title; the callback gets the finished and the total number of flights.
+        stop: opens a function that returns whether the user has requested to stop.
     """
 
     progress: Callable[[str], AbstractContextManager[ProgressCallback]]
@@ -41,10 +41,10 @@ class Terminal(NamedTuple):
 def open_executors(
     settings: ValidationConfig, workers: int, scheduler: str | None, resources: contextlib.ExitStack
 ) -> list[Executor]:
-    """Workers for each of the settings' jobs, that end with the resources.
+    """Open an executor for each job of the settings; `resources` closes them.
 
     Raises:
-        MoflockError: none can be had.
+        MoflockError: no worker can be started or reached.
     """
     return [resources.enter_context(make_executor(job, workers, scheduler)) for job in settings.jobs()]
 
@@ -52,24 +52,32 @@ def open_executors(
 def fly_validation(
     run: ValidationDirectory, executors: Sequence[Executor], *, logs: bool, terminal: Terminal
 ) -> tuple[Validation | None, dict[str, Path]]:
-    """Fly what is missing in a directory; None if Ctrl-C came first. The logs of the worst seeds, if asked."""
-    with terminal.progress("both dynamics") as told, terminal.stop() as interrupted:
-        if not fly_missing(run, executors, told, interrupted):
+    """Make the missing flights of a directory.
+
+    Returns:
+        The validation, or None if the user has stopped it; and the logs of the worst seeds if `logs` is true.
+    """
+    with terminal.progress("both dynamics") as progress, terminal.stop() as interrupted:
+        if not fly_missing(run, executors, progress, interrupted):
             return None, {}
     found = gather(run)
     if not logs:
         return found, {}
-    with terminal.progress("logs of the worst seeds") as told:
-        return found, log_worst(found, run.path / LOGS, told)
+    with terminal.progress("logs of the worst seeds") as progress:
+        return found, log_worst(found, run.path / LOGS, progress)
 
 
 def run_validation(
     path: Path, settings: ValidationConfig, *, workers: int, logs: bool, terminal: Terminal
 ) -> tuple[Validation, dict[str, Path]]:
-    """Fly what a study's directory lacks, which is made if there is none; its findings and the logs, if asked.
+    """Make the missing flights of a validation in a new or existing directory.
+
+    Returns:
+        The validation, and the logs of the worst seeds if `logs` is true.
 
     Raises:
-        MoflockError: it cannot be flown or written, or is of another study, or Ctrl-C came before its end.
+        MoflockError: the points cannot be flown, the directory cannot be written or holds another validation, or the
+            user has stopped the validation.
     """
     run = ValidationDirectory.open(path) if path.exists() else ValidationDirectory.create(path, settings)
     with run, contextlib.ExitStack() as resources:
@@ -79,5 +87,5 @@ def run_validation(
             run, open_executors(settings, workers, None, resources), logs=logs, terminal=terminal
         )
     if found is None:
-        raise SearchError(f"run directory {path}: stopped before its end; run it again to go on")
+        raise SearchError(f"run directory {path}: stopped before the end; run the same command again to resume")
     return found, logged

@@ -1,4 +1,4 @@
-"""Validation: points flown on point masses and on rigid bodies with the same seeds, in a directory that resumes."""
+"""Validation of points: flights as point masses and as rigid bodies on the same seeds, in a resumable directory."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ from optimize.validation.fault_trials import FaultTrial, fault_trials, standard_
 
 DYNAMICS = ("point_mass", "rigid_body")
 POINT_MASS, RIGID_BODY = 0, 1
-"""Indices of the first axis of a validation's arrays."""
+"""Indices into the first axis of a validation's arrays."""
 
 SEEDS = 20
 
 FAULT_SEEDS = 5
-"""Flights of each point with each fault, where faults are wanted and nothing else is said."""
+"""Default number of flights of each point with each fault."""
 
 _MAX_SEEDS = 10_000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ValidationConfig:
-    """What is validated: everything that the result depends on.
+    """Settings of a validation: all inputs on which its result depends.
 
     Attributes:
-        scenario: what is flown; without a step, bodies take their own and point masses that of searches.
-        points: by name.
+        scenario: scenario of the flights; if it sets no step, rigid bodies use their default, point masses SEARCH_STEP.
+        points: points by name.
         seeds: (S,), the same for all points and both dynamics.
-        fault_seeds: how many of these each point flies with each of the standard faults, on bodies; 0 for no faults.
-        versions: of the libraries.
+        fault_seeds: number of these seeds on which rigid bodies fly each standard fault; 0 for no faults.
+        versions: versions of the libraries.
 
     Raises:
-        SearchError: no points, points of several policies, or too few or too many seeds.
+        SearchError: there are no points, the points have several policies, or a number of seeds is out of bounds.
     """
 
     scenario: Scenario
@@ -74,7 +74,7 @@ class ValidationConfig:
 
     def __post_init__(self) -> None:
         if not self.points:
-            raise SearchError("points: there is none; it must be at least 1")
+            raise SearchError("points: there are none; it must be at least 1")
         policies = {spec_of(params).name for params in self.points.values()}
         if len(policies) > 1:
             raise SearchError(f"points: they are of the policies {', '.join(sorted(policies))}; it must be one")
@@ -91,11 +91,11 @@ class ValidationConfig:
 
     @property
     def faults(self) -> dict[str, Scenario]:
-        """The scenario with each of the standard faults, by name; none if none are wanted."""
+        """The scenario with each of the standard faults, by name; empty if `fault_seeds` is 0."""
         return standard_faults(self.jobs()[RIGID_BODY].scenario) if self.fault_seeds else {}
 
     def jobs(self) -> tuple[Job, Job]:
-        """What the executors need to know, in the order of DYNAMICS; the variants are the faults'."""
+        """Jobs of the executors, in the order of DYNAMICS; the variants of the second are the faults."""
         point_mass, rigid_body = (
             Job(scenario=search_scenario(self.scenario, dynamics), dynamics=dynamics, policy=self.policy)
             for dynamics in DYNAMICS
@@ -104,11 +104,11 @@ class ValidationConfig:
         return point_mass, dataclasses.replace(rigid_body, variants=variants)
 
     def tasks(self) -> tuple[list[EvaluationTask], list[EvaluationTask]]:
-        """One flight each, in the order of DYNAMICS, with consecutive numbers; those with faults come last."""
-        wanted = [(params, seed) for params in self.points.values() for seed in self.seeds]
+        """Tasks of one flight each, in the order of DYNAMICS, numbered consecutively; those with faults are last."""
+        pairs = [(params, seed) for params in self.points.values() for seed in self.seeds]
         point_mass, rigid_body = (
-            [EvaluationTask(first + number, params, (seed,)) for number, (params, seed) in enumerate(wanted)]
-            for first in (0, len(wanted))
+            [EvaluationTask(first + number, params, (seed,)) for number, (params, seed) in enumerate(pairs)]
+            for first in (0, len(pairs))
         )
         faulty = [
             (params, seed, variant)
@@ -117,16 +117,16 @@ class ValidationConfig:
             for seed in self.seeds[: self.fault_seeds]
         ]
         rigid_body += [
-            EvaluationTask(2 * len(wanted) + number, params, (seed,), variant)
+            EvaluationTask(2 * len(pairs) + number, params, (seed,), variant)
             for number, (params, seed, variant) in enumerate(faulty)
         ]
         return point_mass, rigid_body
 
     def check_flyable(self) -> None:
-        """Build each flock once, so that what cannot be flown is refused before anything is written.
+        """Build each simulation once, so that errors are found before a directory is written.
 
         Raises:
-            MoflockError: one line that says why.
+            MoflockError: a point cannot be flown.
         """
         for job in self.jobs():
             for params in self.points.values():
@@ -134,7 +134,7 @@ class ValidationConfig:
                     Simulation(params, scenario, job.dynamics, self.seeds[0])
 
     def to_json(self) -> str:
-        """All but the scenario, which is a file of its own."""
+        """JSON text of all settings but the scenario, which is stored in a separate file."""
         content = {
             "policy": self.policy,
             "points": {name: values_of(params) for name, params in self.points.items()},
@@ -146,26 +146,26 @@ class ValidationConfig:
 
     @classmethod
     def from_texts(cls, configuration: str, scenario: str) -> ValidationConfig:
-        """Read what `to_json` and the scenario's `to_toml` wrote.
+        """Read the texts that `to_json` and the scenario's `to_toml` wrote.
 
         Raises:
-            MoflockError: not such texts.
+            MoflockError: the texts have another form.
         """
         try:
             content = json.loads(configuration)
-        except (ValueError, RecursionError) as problem:
-            raise SearchError(f"configuration: not JSON: {problem}") from None
+        except (ValueError, RecursionError) as error:
+            raise SearchError(f"configuration: not JSON: {error}") from None
         if not isinstance(content, Mapping) or set(content) - {"fault_seeds", "policy"} != {
             "points",
             "seeds",
             "versions",
         }:
-            raise SearchError("configuration: not a validation's: it must have points, seeds and versions")
+            raise SearchError("configuration: not that of a validation: it must have points, seeds and versions")
         points, seeds = content["points"], content["seeds"]
         if not isinstance(points, Mapping) or not all(isinstance(params, Mapping) for params in points.values()):
             raise SearchError("configuration: points: it must be an object of points by name")
         if not isinstance(seeds, list) or not all(type(seed) is int and seed >= 0 for seed in seeds):
-            raise SearchError("configuration: seeds: they must be whole numbers of at least 0")
+            raise SearchError("configuration: seeds: it must be a list of whole numbers of at least 0")
         fault_seeds = content.get("fault_seeds", 0)
         if type(fault_seeds) is not int:
             raise SearchError("configuration: fault_seeds: it must be a whole number of at least 0")
@@ -180,10 +180,10 @@ class ValidationConfig:
 
 
 class ValidationDirectory(Archive):
-    """A validation's directory, made by `create` or found by `open`.
+    """Directory of a validation, made by `create` or opened by `open`.
 
     Attributes:
-        settings: what is validated.
+        settings: settings of the validation.
     """
 
     def __init__(self, path: Path, settings: ValidationConfig) -> None:
@@ -192,20 +192,20 @@ class ValidationDirectory(Archive):
 
     @classmethod
     def create(cls, path: Path, settings: ValidationConfig) -> ValidationDirectory:
-        """Make a new directory.
+        """Create a directory.
 
         Raises:
-            SearchError: there is something already, or it cannot be written.
+            SearchError: the directory is not empty or cannot be written.
         """
         write_directory(path, settings.scenario, settings.to_json())
         return cls(path, settings)
 
     @classmethod
     def open(cls, path: Path) -> ValidationDirectory:
-        """Open a directory; what is damaged in its archive is left out.
+        """Open a directory; damaged rows of its archive are skipped.
 
         Raises:
-            SearchError: it is none, or it cannot be read.
+            SearchError: the path is not a validation's directory, or it cannot be read.
         """
         run = cls(path, read_directory(path, ValidationConfig.from_texts))
         run.count_damaged()
@@ -214,14 +214,14 @@ class ValidationDirectory(Archive):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Validation:
-    """What the flights of a validation have shown; the first axis is that of DYNAMICS.
+    """Results of a validation; the first axis of the arrays is in the order of DYNAMICS.
 
     Attributes:
-        settings: what was validated.
-        fitness: (2, P, S, 6).
+        settings: settings of the validation.
+        fitness: (2, P, S, 6), in the order of FITNESS_NAMES.
         figures: (2, P, S, F), in the order of FIGURE_NAMES.
-        failed: (2, P), flights that failed and count as fitness 0.
-        faults: how each of the standard faults was borne; empty if none were flown.
+        failed: (2, P), number of failed flights, whose fitness counts as 0.
+        faults: results under each of the standard faults; empty if none were flown.
     """
 
     settings: ValidationConfig
@@ -241,12 +241,12 @@ class Validation:
 
     @functools.cached_property
     def on_front(self) -> NDArray[np.bool_]:
-        """(2, P), which points no other one dominates in the mean of F_1 and F_2."""
+        """(2, P), whether a point is not dominated in the mean of F_1 and F_2."""
         return np.array([non_dominated(values.mean(axis=1)) for values in self.objectives])
 
     @functools.cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """(P,), of the rigid-body flights."""
+        """(P,), verdicts on the rigid-body flights."""
         diameter = 2 * load_airframe(self.settings.scenario.airframe).radius
         flown = zip(self.figures[RIGID_BODY], self.failed[RIGID_BODY], strict=True)
         return tuple(
@@ -255,72 +255,72 @@ class Validation:
         )
 
     def column(self, name: str, dynamics: int = RIGID_BODY) -> NDArray[np.float64]:
-        """(P, S), one figure of all flights."""
+        """(P, S), one of the figures, for each flight."""
         return np.asarray(self.figures[dynamics, :, :, FIGURE_NAMES.index(name)])
 
     def energy_per_metre(self) -> NDArray[np.float64]:
-        """(P, S), J/m, of rigid bodies: what all rotors took over the way of all drones."""
+        """(P, S), J/m, energy of all rotors per metre of path of all drones, for rigid bodies."""
         return self.column("energy") / np.maximum(self.column("way"), 1e-9)
 
     def worst_seed(self, point: int) -> int:
-        """The seed whose rigid-body flight is worst: most drones lost, then most touched, then the least F_1 F_2."""
+        """Seed of the worst rigid-body flight: most drones lost, then most touched, then smallest product F_1 F_2."""
         product = self.objectives[RIGID_BODY, point].prod(axis=-1)
         keys = (product, -self.column("touched")[point], -self.column("lost")[point])
         return self.settings.seeds[int(np.lexsort(keys)[0])]
 
 
-def make_settings(scenario: Scenario, asked: Sequence[str], seeds: int, fault_seeds: int = 0) -> ValidationConfig:
-    """The settings of a new validation, with as many seeds as asked that no search has used; see `ValidationConfig`.
+def make_settings(scenario: Scenario, sources: Sequence[str], seeds: int, fault_seeds: int = 0) -> ValidationConfig:
+    """Settings of a new validation on fresh seeds, which the searches behind the points have not used.
 
     Raises:
         MoflockError: see `ValidationConfig` and `read_points`.
     """
-    points, used = read_points(asked)
+    points, used = read_points(sources)
     check_seeds(seeds)
     return ValidationConfig(scenario=scenario, points=points, seeds=fresh_seeds(seeds, used), fault_seeds=fault_seeds)
 
 
 def check_seeds(count: int) -> None:
-    """Refuse so few seeds that there is no confidence interval, and so many that nobody waits for them.
+    """Check the number of seeds; a confidence interval needs at least two.
 
     Raises:
-        SearchError: one line.
+        SearchError: the number is out of bounds.
     """
     if not 2 <= count <= _MAX_SEEDS:
         raise SearchError(f"seeds: {count} is out of bounds: it must be at least 2 and at most {_MAX_SEEDS}")
 
 
 def fly_missing(
-    run: ValidationDirectory, executors: Sequence[Executor], told: ProgressCallback, stop: Callable[[], bool]
+    run: ValidationDirectory, executors: Sequence[Executor], progress: ProgressCallback, stop: Callable[[], bool]
 ) -> bool:
-    """Fly what the archive does not have yet, point masses first; each flight is kept as it ends.
+    """Make the flights that the archive lacks, point masses first, and archive each one as it ends.
 
     Args:
-        run: the directory, which is locked meanwhile.
-        executors: of the settings' jobs, one each.
-        told: of progress.
-        stop: asked after each flight.
+        run: the directory; it is locked during the flights.
+        executors: one executor for each job of the settings.
+        progress: called after each flight.
+        stop: called after each flight; the flights stop when it returns True.
 
     Returns:
-        Whether all is flown.
+        Whether all flights are made.
     """
     with run.locked():
         run.repair()
         done = {evaluation.number for evaluation in run.evaluations()}
-        plan = run.settings.tasks()
-        total = sum(map(len, plan))
-        for generation, (executor, tasks) in enumerate(zip(executors, plan, strict=True)):
+        all_tasks = run.settings.tasks()
+        total = sum(map(len, all_tasks))
+        for generation, (executor, tasks) in enumerate(zip(executors, all_tasks, strict=True)):
             for evaluation in executor.evaluate([task for task in tasks if task.number not in done]):
                 run.append(evaluation, generation)
                 done.add(evaluation.number)
-                told(len(done), total)
+                progress(len(done), total)
                 if stop():
                     return len(done) == total
     return True
 
 
 def gather(run: ValidationDirectory) -> Validation:
-    """What a finished validation has shown.
+    """Results of a finished validation.
 
     Raises:
         SearchError: flights are missing.
@@ -347,11 +347,11 @@ def gather(run: ValidationDirectory) -> Validation:
     )
 
 
-def log_worst(validation: Validation, folder: Path, told: ProgressCallback) -> dict[str, Path]:
-    """Fly the worst seed of each point on rigid bodies again, with a log; one that is there already is kept.
+def log_worst(validation: Validation, folder: Path, progress: ProgressCallback) -> dict[str, Path]:
+    """Fly the worst seed of each point as rigid bodies again, with a log; an existing log is kept.
 
     Returns:
-        The log of each point; none for a point whose flights failed.
+        The log of each point without failed flights.
     """
     logs: dict[str, Path] = {}
     for number, (name, params) in enumerate(validation.settings.points.items()):
@@ -361,12 +361,12 @@ def log_worst(validation: Validation, folder: Path, told: ProgressCallback) -> d
             if not logs[name].exists():
                 scenario = validation.settings.jobs()[RIGID_BODY].scenario
                 fly(params, scenario=scenario, seed=seed, log=logs[name], keep_samples=False)
-        told(number + 1, len(validation.names))
+        progress(number + 1, len(validation.names))
     return logs
 
 
 def _point_of(policy: PolicySpec, params: Mapping[str, float]) -> NamedTuple:
     try:
         return point_from_values(policy, params)
-    except PointError as problem:
-        raise SearchError(f"configuration: points: {problem}") from None
+    except PointError as error:
+        raise SearchError(f"configuration: points: {error}") from None

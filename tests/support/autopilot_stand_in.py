@@ -139,18 +139,24 @@ class Px4StandIn:
             self.position = [p + dt * v for p, v in zip(self.position, self.velocity, strict=True)]
 
 
+FLYING = 100
+"""Exchanges after which a stand-in says that it flies."""
+
 STAND_INS = {"ardupilot": ArduPilotStandIn, "px4": Px4StandIn}
 
 
 def main(kind, port, height, *_):
     """Fly until killed; the physics may come later."""
     print("stand-in of", kind, "at", port, flush=True)
-    pilot = None
+    pilot, exchanges = None, 0
     while True:
         try:
             pilot = pilot or STAND_INS[kind](int(port), float(height))
             pilot.send()
             pilot.hear()
+            exchanges += 1
+            if exchanges == FLYING:
+                print("flying", flush=True)
         except OSError:
             time.sleep(0.01)
 

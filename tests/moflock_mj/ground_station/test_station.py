@@ -56,10 +56,10 @@ def test_where_vehicles_are(text, connections):
         ("", "'' is invalid: it must be KIND:HOST:PORT"),
         ("udp:127.0.0.1", "is invalid"),
         ("serial:/dev/ttyUSB0:57600", "is invalid"),
-        ("udp:127.0.0.1:0", "ports must be from 1 to 65535"),
+        ("udp:127.0.0.1:0", "ports.*from 1 to 65535"),
         ("udp:127.0.0.1:70000", "ports must be"),
         ("udp:127.0.0.1:9-8", "the first not above the last"),
-        ("tcp:127.0.0.1:5760-5765", "must be 10 apart"),
+        ("tcp:127.0.0.1:5760-5765", "10 apart"),
         ("udp:127.0.0.1:1-300", "300 connections; it must be at most 250"),
         ("udp:127.0.0.1:7,udp:127.0.0.1:6-8", "udpout:127.0.0.1:7 is duplicated"),
     ],
@@ -107,7 +107,7 @@ def test_more_than_wanted_is_refused():
     async def story(*_):
         raise AssertionError
 
-    with pytest.raises(LinkError, match=r"2 connected \(system ids 1, 2\); it must be 1"):
+    with pytest.raises(LinkError, match=r"2 connected \(system ids 1, 2\).*1"):
         rehearse(fleet_of("px4", vehicles=2), story, count=1)
 
 
@@ -139,13 +139,13 @@ def test_several_on_a_link_must_have_been_counted():
         async with flying(fleet), vehicles_at([Connection("udpin", "127.0.0.1", 14550)]):
             raise AssertionError
 
-    words = r"3 connected \(system ids 1, 2, 3\); it must be 1, one on each link: several on one link need --count"
+    words = r"3 connected \(system ids 1, 2, 3\).*1, one on each link: several on one link need --count"
     with Wires().used(), pytest.raises(LinkError, match=words):
         simulated_time.run(play())
 
 
 def test_vehicles_that_speak_first_share_a_link():
-    """As real ones do at udpin:14550, or behind a router: told apart by system id alone."""
+    """As real ones do at udpin:14550, or behind a router: distinguished by system id alone."""
     fleet = fleet_of("ardupilot", vehicles=3, to=("127.0.0.1", 14550))
 
     async def play():

@@ -26,7 +26,7 @@ def ping(system, component=0):
 
 
 class Pair:
-    """A vehicle's endpoint and a ground station's, and what the vehicle is told."""
+    """A vehicle's endpoint and a ground station's, and what the vehicle receives."""
 
     def __init__(self, key=None, station_key=None, station=255, clock=None):
         self.told = []
