@@ -152,7 +152,7 @@ def test_a_px4_that_has_passed_over_its_sensors_gets_them_again():
         before = pilot.time
         link.receive(0.0)
         assert not link.ready
-        link._told -= 1.0  # a second ago
+        link._sent_at -= 1.0  # a second ago
         link.receive(0.0)
         pilot.hear()
         assert pilot.time == before
