@@ -74,8 +74,8 @@ async def _prepare(vehicle: RemoteVehicle) -> None:
 async def require_simulated(vehicles: Sequence[RemoteVehicle]) -> None:
     """Refuse vehicles that could be real, since a rehearsal skips the pre-flight report.
 
-    A simulated vehicle is on this machine and identifies itself: by a mark in the AUTOPILOT_VERSION of our fleet and of
-    PX4's simulation, or by SIMSTATE, which ArduPilot sends only from its simulator.
+    A simulated vehicle is on this machine and identifies itself: by a mark in the AUTOPILOT_VERSION of `moflock fleet`
+    and PX4's simulation, or by SIMSTATE, which ArduPilot sends only from its simulator.
 
     Raises:
         DeploymentError: a vehicle could be real.

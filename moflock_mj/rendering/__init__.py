@@ -1,1 +1,1 @@
-"""Flights as pictures of bodies: MuJoCo's renderer, video, interactive viewer."""
+"""Rendering of flights with MuJoCo: video and interactive viewer."""

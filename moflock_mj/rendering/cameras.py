@@ -1,4 +1,4 @@
-"""Where a flight is looked at from: the whole arena aslant, from above, or behind one drone."""
+"""Cameras of a flight: oblique overview of the whole arena, top view, and chase camera behind one drone."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from moflock_mj.errors import RenderError
 from moflock_mj.visualization.playback import Playback, Track
 
 CAMERAS = ("overview", "chase", "top")
-"""The cameras that there are."""
+"""Names of the cameras."""
 
 FIELD_OF_VIEW = 45.0
-"""Vertical, degrees."""
+"""Vertical field of view, degrees."""
 
 _MARGIN = (0.94, 0.88)
-"""Share of the picture's width and height that the arena may take; the rest is for words."""
+"""Maximum share of the picture's width and height for the arena; the rest is for captions."""
 
 _FARTHEST = 1.5
-"""How far from the centre a drone is still kept in an arena's picture, in half sides of the arena."""
+"""Maximum distance from the centre of a drone that the overview includes, in half sides of the arena."""
 
 _SPARSE = 300_000
-"""About how many coordinates are enough to see how far a flock goes."""
+"""Approximate number of coordinates with which the extent of a flight is computed."""
 
 _CHASE_WIDTHS = 15.0
-"""How far behind its drone the chase camera is, in widths of a drone."""
+"""Distance of the chase camera behind its drone, in widths of a drone."""
 
 _CHASE_ELEVATION = -20.0
 _CHASE_SMOOTHING = 1.5
-"""Time over which the chase camera's turns are averaged, s of the video."""
+"""Averaging time of the chase camera's heading, s of the video."""
 
 _AT_REST = 0.5
-"""Below this speed, m/s, a drone's velocity does not tell its heading."""
+"""Speed below which a drone's velocity does not define its heading, m/s."""
 
 
 class View(NamedTuple):
     """A free camera.
 
     Attributes:
-        lookat: (3,), m, world, the middle of the picture.
-        distance: m, from there to the eye.
-        azimuth: degrees, of the line of sight, anticlockwise from x.
-        elevation: degrees, of the line of sight over the horizon, negative when looking down.
+        lookat: point at the centre of the picture, (3,), m, world.
+        distance: distance from there to the camera, m.
+        azimuth: azimuth of the line of sight, degrees, anticlockwise from x.
+        elevation: elevation of the line of sight, degrees, negative when looking down.
     """
 
     lookat: NDArray[np.float64]
@@ -54,7 +54,7 @@ class View(NamedTuple):
     elevation: float
 
     def axes(self) -> NDArray[np.float64]:
-        """Right, up and forward as rows, unit vectors in the world frame."""
+        """Unit vectors right, up and forward as rows, (3, 3), world."""
         azimuth, elevation = np.radians([self.azimuth, self.elevation])
         ahead = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         forward = np.cos(elevation) * ahead + np.array([0.0, 0.0, np.sin(elevation)])
@@ -62,11 +62,11 @@ class View(NamedTuple):
         return np.stack([right, np.cross(right, forward), forward])
 
     def place(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where points (K, 3), m, world, appear.
+        """Project points, (K, 3), m, world, to the picture.
 
         Returns:
-            (K, 2), right and up of the middle, in half heights of the picture; and (K,), their depth, m, negative
-            behind the eye.
+            Coordinates right and up from the centre, (K, 2), in half heights of the picture; and depth, (K,), m,
+            negative behind the camera.
         """
         axes = self.axes()
         seen = (np.asarray(points, float) - self.lookat) @ axes.T
@@ -75,30 +75,30 @@ class View(NamedTuple):
         return seen[:, :2] / half_height[:, None], depth
 
     def set(self, camera: mujoco.MjvCamera) -> None:
-        """Move one of MuJoCo's free cameras here."""
+        """Apply this view to one of MuJoCo's free cameras."""
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         camera.lookat[:] = self.lookat
         camera.distance, camera.azimuth, camera.elevation = self.distance, self.azimuth, self.elevation
 
 
 CameraPath = Callable[[float], View]
-"""Where the camera is at a time in s."""
+"""Function that returns the view at a time, s."""
 
 
 def camera_path(playback: Playback, camera: str, aspect: float, speed: float) -> CameraPath:
-    """A camera for the whole flight.
+    """Camera path for the whole flight.
 
     Args:
-        playback: what it looks at.
+        playback: flights to show.
         camera: one of `CAMERAS`.
-        aspect: width over height of the picture.
-        speed: flight's seconds per second of video, by which a chasing camera smooths its turns.
+        aspect: ratio of the picture's width to its height.
+        speed: simulated seconds per second of video, for the smoothing of the chase camera.
 
     Raises:
         RenderError: the camera is unknown.
     """
     if camera not in CAMERAS:
-        raise RenderError(f"camera: {camera!r} is unknown; there are {', '.join(CAMERAS)}")
+        raise RenderError(f"camera: {camera!r} is unknown: it must be one of {', '.join(CAMERAS)}")
     if camera == "chase":
         return _chase(playback, speed)
     view = _fitting(playback, aspect, *((90.0, -90.0) if camera == "top" else (76.0, -42.0)))
@@ -106,14 +106,14 @@ def camera_path(playback: Playback, camera: str, aspect: float, speed: float) ->
 
 
 def _fitting(playback: Playback, aspect: float, azimuth: float, elevation: float) -> View:
-    """The nearest view that shows the whole arena, and the drones that stay near it."""
+    """Nearest view that shows the whole arena and the drones near it."""
     corners = [(*corner, height) for corner in playback.outline for height in (0.0, 2 * playback.altitude)]
     places = np.concatenate([_sparse(track) for track in playback.tracks])
     reach = _FARTHEST * np.abs(playback.outline).max(axis=0)
     strays = places[(np.abs(places[:, :2]) < reach).all(axis=1)]
     points = np.concatenate([np.array(corners), strays])
     view = View(np.zeros(3), 10.0 * float(np.abs(points).max()), azimuth, elevation)
-    # Each turn centres what is seen and comes as near as it may; perspective lets it converge, not succeed at once.
+    # Each iteration centres the view and moves closer; because of perspective it takes several to converge.
     for _ in range(30):
         seen, _ = view.place(points)
         low, high = seen.min(axis=0), seen.max(axis=0)
@@ -125,13 +125,13 @@ def _fitting(playback: Playback, aspect: float, azimuth: float, elevation: float
 
 
 def _sparse(track: Track) -> NDArray[np.float64]:
-    """Places of a flight's drones, (K, 3), m: enough of them to see how far they go."""
+    """Subsampled positions of a flight's drones, (K, 3), m."""
     step = 1 + track.position.size // _SPARSE
     return track.position[::step].reshape(-1, 3).astype(float)
 
 
 def _chase(playback: Playback, speed: float) -> CameraPath:
-    """Behind the followed drone of the first flight, looking where it flies to."""
+    """Camera behind the followed drone of the first flight, in its direction of flight."""
     track, drone = playback.tracks[0], playback.followed
     azimuth = _headings(track, drone, _CHASE_SMOOTHING * max(speed, 1.0))
 
@@ -144,7 +144,7 @@ def _chase(playback: Playback, speed: float) -> CameraPath:
 
 
 def _headings(track: Track, drone: int, smoothing: float) -> NDArray[np.float64]:
-    """The smoothed direction of a drone's flight, (T,), degrees; where it rests, the direction before."""
+    """Smoothed direction of a drone's flight, (T,), degrees; at rest it is interpolated."""
     east, north = track.velocity[:, drone, 0].astype(float), track.velocity[:, drone, 1].astype(float)
     moving = np.hypot(east, north) > _AT_REST
     if not moving.any():

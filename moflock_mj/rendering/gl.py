@@ -1,4 +1,4 @@
-"""Which GL renders videos. Only the processes that render load one; the command itself imports MuJoCo without."""
+"""Selection of the OpenGL backend for videos; only rendering processes load one."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import sys
 
 from moflock_mj.errors import RenderError
 
-_MUJOCO_READS = "MUJOCO_GL"
-_ASKED = "MOFLOCK_GL"
-"""Where a command that does without GL keeps what MUJOCO_GL said."""
+_MUJOCO_VARIABLE = "MUJOCO_GL"
+_SAVED_VARIABLE = "MOFLOCK_GL"
+"""Environment variable that keeps the user's MUJOCO_GL while the command itself runs without OpenGL."""
 
 _PROBE = "import mujoco; mujoco.GLContext(16, 16).make_current()"
 
 
 def do_without_gl() -> None:
-    """Let MuJoCo, which reads MUJOCO_GL when it is first imported, load no GL into this process, nor fail at one."""
-    os.environ.setdefault(_ASKED, os.environ.get(_MUJOCO_READS, ""))
-    os.environ[_MUJOCO_READS] = "disable"
+    """Disable OpenGL for this process; MuJoCo reads MUJOCO_GL when it is first imported."""
+    os.environ.setdefault(_SAVED_VARIABLE, os.environ.get(_MUJOCO_VARIABLE, ""))
+    os.environ[_MUJOCO_VARIABLE] = "disable"
 
 
-def environment_with(way: str) -> dict[str, str]:
-    """The environment of a process that renders in a way that `find_gl` found."""
-    return {**os.environ, _MUJOCO_READS: way}
+def environment_with(backend: str) -> dict[str, str]:
+    """Environment of a process that renders with a backend from `find_gl`."""
+    return {**os.environ, _MUJOCO_VARIABLE: backend}
 
 
 def find_gl() -> str:
-    """The way to render without a screen that works here: what MUJOCO_GL says, else egl, else osmesa.
+    """Find a backend that renders without a screen: the one in MUJOCO_GL, else egl, else osmesa.
 
     Raises:
-        RenderError: none does.
+        RenderError: no backend works.
     """
-    asked = os.environ.get(_ASKED, os.environ.get(_MUJOCO_READS))
-    ways = (asked,) if asked else ("egl", "osmesa")
-    for way in ways:
+    requested = os.environ.get(_SAVED_VARIABLE, os.environ.get(_MUJOCO_VARIABLE))
+    backends = (requested,) if requested else ("egl", "osmesa")
+    for backend in backends:
         probe = subprocess.run(
-            [sys.executable, "-c", _PROBE], env=environment_with(way), capture_output=True, check=False
+            [sys.executable, "-c", _PROBE], env=environment_with(backend), capture_output=True, check=False
         )
         if probe.returncode == 0:
-            return way
-    raise RenderError(f"video: no GL: {' and '.join(ways)} failed; on Debian: apt-get install libegl1 libosmesa6")
+            return backend
+    raise RenderError(f"video: no GL: {' and '.join(backends)} failed; on Debian: apt-get install libegl1 libosmesa6")

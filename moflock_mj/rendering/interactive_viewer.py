@@ -1,4 +1,4 @@
-"""Plays a flight, or two in one arena, in MuJoCo's interactive viewer."""
+"""Playback of one flight, or two in one arena, in MuJoCo's interactive viewer."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from moflock_mj.simulation.results import AnyFlight
 from moflock_mj.visualization.captions import flight_names
 from moflock_mj.visualization.playback import Playback, playback_of
 
-KEYS = "space: pause; right, left: 5 s on, back; up or +, down or -: faster, slower; home: start"
-"""What the viewer's keys do."""
+KEYS = "space: pause; right, left: 5 s forward, back; up or +, down or -: faster, slower; home: start"
+"""Help text of the viewer's keys."""
 
 _SPACE, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 262, 263, 264, 265, 268
 """Key codes of GLFW, which MuJoCo's viewer uses."""
 
 _FASTER, _SLOWER = (_UP, 61, 334), (_DOWN, 45, 333)
-"""The arrows, and plus and minus among the letters (where plus shares its key with =) and on the keypad."""
+"""Key codes of the arrows, and of plus and minus on the keyboard (where plus shares its key with =) and the keypad."""
 
-_LEAP = 5.0
-"""Simulated seconds of a leap."""
+_SKIP = 5.0
+"""Simulated time of a skip forward or back, s."""
 
 _EVENT_LASTS = 3.0
-"""Shown seconds for which an event is told."""
+"""Time for which an event is shown, s."""
 
 _FASTEST, _SLOWEST = 64.0, 1 / 16
 
 
 class Player:
-    """The clock of a playback: runs, rests, leaps; at its end it rests.
+    """Clock of a playback, which can run, pause and skip; it pauses at the end.
 
     Args:
-        begin: s, simulated.
-        end: s, simulated.
+        begin: simulated time of the start, s.
+        end: simulated time of the end, s.
     """
 
     def __init__(self, begin: float, end: float) -> None:
@@ -52,18 +52,18 @@ class Player:
         self.runs = True
 
     def press(self, key: int) -> None:
-        """Do what a key stands for; others do nothing."""
+        """Perform the action of a key; other keys are ignored."""
         if key == _SPACE:
             self.runs = not self.runs
         elif key in (_RIGHT, _LEFT):
-            self._go(self.time + (_LEAP if key == _RIGHT else -_LEAP))
+            self._go(self.time + (_SKIP if key == _RIGHT else -_SKIP))
         elif key in (*_FASTER, *_SLOWER):
             self.speed = min(max(self.speed * (2.0 if key in _FASTER else 0.5), _SLOWEST), _FASTEST)
         elif key == _HOME:
             self._go(self._begin)
 
     def advance(self, seconds: float) -> None:
-        """Let that much real time pass."""
+        """Advance by a real time, s."""
         if self.runs:
             self._go(self.time + seconds * self.speed)
             self.runs = self.time < self._end
@@ -76,8 +76,8 @@ def show(flights: Sequence[AnyFlight], *, colour: str = "danger") -> None:
     """Open the viewer and play until its window is closed.
 
     Args:
-        flights: flights with samples; two share one arena, and each has its own colour.
-        colour: what the drones' colour tells: speed or danger.
+        flights: one or two flights with samples, in one arena; each of two has its own colour.
+        colour: quantity shown by the drones' colour: speed or danger.
 
     Raises:
         RenderError: there is no display, or the flights cannot be shown together.
@@ -97,7 +97,7 @@ def show(flights: Sequence[AnyFlight], *, colour: str = "danger") -> None:
 
 
 def _check_display() -> None:
-    """MuJoCo opens its window in a thread of its own, whose failure nobody would hear of.
+    """Check that a window can be opened, since MuJoCo opens it in its own thread, whose failure is not reported.
 
     Raises:
         RenderError: no window can be opened.
@@ -114,7 +114,7 @@ def _check_display() -> None:
 
 
 def _show_legend(window: mujoco.viewer.Handle, playback: Playback) -> None:
-    """What the colours mean, at the bottom left; Pillow, an optional library, draws it."""
+    """Show the legend at the bottom left, if the optional library Pillow is installed."""
     with contextlib.suppress(ImportError):
         from moflock_mj.rendering.legend import draw_legend  # noqa: PLC0415
 
@@ -125,7 +125,7 @@ def _show_legend(window: mujoco.viewer.Handle, playback: Playback) -> None:
 def _play(
     window: mujoco.viewer.Handle, playback: Playback, player: Player, model: mujoco.MjModel, data: mujoco.MjData
 ) -> None:
-    """Show the present moment some sixty times a second."""
+    """Show the playback at about 60 Hz until the window is closed."""
     _show_legend(window, playback)
     decorator, before = SceneDecorator(playback, window.user_scn), time.monotonic()
     while window.is_running():

@@ -1,4 +1,4 @@
-"""The legend of a picture: which colour means what."""
+"""Legend of a video frame: colours and their meaning."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from PIL import Image, ImageDraw, ImageFont
 from moflock_mj.visualization.colours import Legend, LegendEntry
 
 DARK = (14, 17, 22, 150)
-"""Ground of words in a picture, RGBA; it lets a little through."""
+"""Translucent background of text, RGBA."""
 
 DIM = (200, 209, 220)
-"""Words that need not be read first, RGB."""
+"""Colour of secondary text, RGB."""
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
-"""What Pillow's own font is: scalable where Pillow was built with FreeType."""
+"""Font of Pillow, which is scalable if Pillow was built with FreeType."""
 
 _SMALL, _LINE, _BAR = 0.8, 1.3, 6.0
-"""Size of the letters, distance of the lines, length of a scale; all in the size of the picture's letters."""
+"""Font size, line spacing, and length of a scale, in units of the caption's font size."""
 
 
 def draw_legend(legend: Legend, unit: float) -> Image.Image:
-    """A legend, RGBA.
+    """Draw a legend, RGBA.
 
     Args:
-        legend: its entries.
-        unit: size of the picture's letters, pixels.
+        legend: entries of the legend.
+        unit: font size of the captions, pixels.
     """
     font = ImageFont.load_default(_SMALL * unit)
     lettering = ImageDraw.Draw(Image.new("RGBA", (1, 1)))
@@ -45,14 +45,14 @@ def draw_legend(legend: Legend, unit: float) -> Image.Image:
 
 
 def _label_place(entry: LegendEntry, font: Font, unit: float) -> float:
-    """Where an entry's label begins, pixels from the left."""
+    """Left edge of an entry's label, pixels."""
     if not len(entry.bounds):
         return 1.8 * unit
     return (_BAR + 1.9) * unit + sum(font.getlength(f"{bound:g}") for bound in entry.bounds)
 
 
 def _draw_scale(draw: ImageDraw.ImageDraw, entry: LegendEntry, top: float, font: Font, unit: float) -> None:
-    """A bar of a scale's colours between its two ends."""
+    """Draw the colour bar of a scale between its two bounds."""
     low, high = (f"{bound:g}" for bound in entry.bounds)
     left, length = 0.9 * unit + font.getlength(low), int(_BAR * unit)
     colours = np.array(entry.rgb, float)

@@ -1,7 +1,7 @@
-"""A process that renders some of a video's frames: `python -m moflock_mj.rendering.render_worker FOLDER NUMBER`.
+"""Worker process that renders a part of a video's frames: `python -m moflock_mj.rendering.render_worker FOLDER NUMBER`.
 
-It is a program of its own because MuJoCo reads MUJOCO_GL when it is first imported, and because a pipe to it has two
-ends: when either side is gone, however it went, the other one notices.
+It is a separate program because MuJoCo reads MUJOCO_GL when it is first imported, and because the pipe to it lets
+either side detect that the other one has ended.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from moflock_mj.visualization.playback import Playback
 
 
 class RenderJob(NamedTuple):
-    """What is rendered; stands in a folder beside the playback.
+    """Job of the worker processes, saved in a folder beside the playback.
 
     Attributes:
         camera: overview, chase or top.
-        speed: simulated over shown time.
+        speed: simulated seconds per second of video.
         size: width and height, pixels.
-        times: of the frames, s.
-        processes: that share the frames, each of n taking every n-th.
+        times: times of the frames, s.
+        processes: number of processes; each of n renders every n-th frame.
     """
 
     camera: str
@@ -33,11 +33,11 @@ class RenderJob(NamedTuple):
     processes: int
 
     def save(self, folder: Path) -> None:
-        (folder / "shots.json").write_text(json.dumps(self), encoding="utf-8")
+        (folder / "job.json").write_text(json.dumps(self), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path) -> RenderJob:
-        camera, speed, (width, height), times, processes = json.loads((folder / "shots.json").read_text("utf-8"))
+        camera, speed, (width, height), times, processes = json.loads((folder / "job.json").read_text("utf-8"))
         return cls(camera, speed, (width, height), times, processes)
 
 
@@ -53,8 +53,8 @@ def main() -> None:
             for time in job.times[number :: job.processes]:
                 out.write(renderer.shoot(time).tobytes())
     except BrokenPipeError:
-        pass  # nobody wants the frames any more
-    # A driver's own tidying up at the end of a process may fail noisily; there is nothing left to tidy up.
+        pass  # the reader has ended
+    # A driver's clean-up at the end of a process can fail with messages; it is not needed.
     os._exit(0)
 
 

@@ -1,4 +1,4 @@
-"""What a flight looks like in MuJoCo: its model with all flocks in it, and what is painted into a scene around them."""
+"""MuJoCo scene of a flight: the model with all flocks, and the decoration with arena, trails and markers."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from moflock_mj.rendering.cameras import FIELD_OF_VIEW, View
 from moflock_mj.visualization.playback import Moment, Playback, Track
 
 TIMESTEP = 0.005
-"""Of the model, s; nothing is stepped."""
+"""Time step of the model, s; the model is never stepped."""
 
 LOOKS = 2
-"""Group of the airframes' geoms that are only looked at."""
+"""Group of the airframes' visual geoms."""
 
 _MARKER = 1 / 105
 """Radius of a drone's marker, in heights of the picture."""
 
 _TOO_SMALL = 0.5
-"""A drone whose marker would be smaller than this, in widths of a drone, is seen without one."""
+"""Radius of a marker below which the drone is drawn without one, in widths of a drone."""
 
 _ARROW = 4.2
 """Length of a marker's arrow at v_flock, in radii of the marker."""
@@ -33,14 +33,14 @@ _TRAIL_ALPHA = (0.06, 0.85)
 
 
 def grid_cell(playback: Playback) -> float:
-    """Side of the ground's cells, m: 1, 2 or 5 times a power of ten, about a tenth of the arena."""
+    """Side of the ground's cells, m: 1, 2 or 5 times a power of ten, about a tenth of the arena's side."""
     tenth = float(np.ptp(playback.outline[:, 0])) / 9
     power = 10 ** np.floor(np.log10(tenth))
     return float(power * max(step for step in (1, 2, 5) if step * power <= tenth))
 
 
 def stage_model(playback: Playback) -> mujoco.MjModel:
-    """The ground and all flocks, with what is only looked at; drone i of all flights together is free joint i."""
+    """Model of the ground and all flocks with visual geoms; drone i of all flights together is free joint i."""
     spec = _flock(playback.tracks[0])
     for number, track in enumerate(playback.tracks[1:], start=2):
         guest = _flock(track)
@@ -49,7 +49,7 @@ def stage_model(playback: Playback) -> mujoco.MjModel:
         spec.attach(guest, prefix=f"flight_{number}_", frame=spec.worldbody.add_frame())
     _light(spec, grid_cell(playback))
     model = spec.compile()
-    # Clipping planes: from half a metre to beyond the horizon of any camera.
+    # The clipping planes are at half a metre, and beyond the horizon of any camera.
     model.stat.extent = extent = float(np.ptp(playback.outline, axis=0).max())
     model.vis.map.znear, model.vis.map.zfar = 0.4 / extent, 30.0
     model.vis.global_.fovy = FIELD_OF_VIEW
@@ -62,12 +62,12 @@ def _flock(track: Track) -> Any:
 
 
 def _light(spec: Any, cell: float) -> None:
-    """Darken ground and sky, on which colours show; make the ground's grid fit the arena."""
+    """Darken ground and sky so that colours are visible, and fit the ground's grid to the arena."""
     cells, sky = spec.texture("cells"), spec.texture("sky")
     cells.rgb1, cells.rgb2, cells.markrgb = (0.29, 0.32, 0.37), (0.32, 0.35, 0.40), (0.50, 0.54, 0.60)
     sky.rgb1, sky.rgb2 = (0.16, 0.22, 0.32), (0.42, 0.50, 0.60)
     spec.material("cells").texrepeat = (0.5 / cell, 0.5 / cell)
-    # Light and a geom's own glow add up to about 1, so that its colour is the legend's.
+    # Light and emission add up to about 1, so that a geom has the colour of the legend.
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.35,) * 3, (0.15,) * 3
     for sun in spec.lights:
         sun.diffuse, sun.specular = (0.35,) * 3, (0.0,) * 3
@@ -75,21 +75,21 @@ def _light(spec: Any, cell: float) -> None:
 
 
 def pose(data: mujoco.MjData, model: mujoco.MjModel, moments: list[Moment]) -> None:
-    """Put every drone where it is."""
+    """Set the poses of all drones."""
     data.qpos.reshape(-1, 7)[:, :3] = np.concatenate([moment.position for moment in moments])
     data.qpos.reshape(-1, 7)[:, 3:] = np.concatenate([moment.quaternion for moment in moments])
     mujoco.mj_kinematics(model, data)
     mujoco.mj_camlight(model, data)
 
 
-def room_for(playback: Playback) -> int:
-    """How many geoms a scene must have room for."""
+def geom_capacity(playback: Playback) -> int:
+    """Number of geoms that the decoration of a scene can need."""
     drones = sum(track.drones for track in playback.tracks)
     return 200 + 80 * drones
 
 
 def airframes_show(playback: Playback, moments: list[Moment], view: View) -> bool:
-    """Whether any drone is seen as such; else markers hide them all, and drawing them would only take time."""
+    """Whether any drone is visible; otherwise markers hide all drones, and they need not be drawn."""
     near = []
     for moment in moments:
         radii, depth = _marker_radii(moment, view)
@@ -98,18 +98,17 @@ def airframes_show(playback: Playback, moments: list[Moment], view: View) -> boo
 
 
 def _marker_radii(moment: Moment, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The radii in m by which markers appear alike, (N,), and the drones' depth, m, (N,)."""
+    """Radii of markers of equal apparent size, (N,), m, and depth of the drones, (N,), m."""
     _, depth = view.place(moment.position)
-    # A picture is two half heights high.
     return 2 * _MARKER * np.tan(np.radians(FIELD_OF_VIEW) / 2) * np.maximum(depth, 0.0), depth
 
 
 class SceneDecorator:
-    """Paints a playback's arena, trails and markers into a scene, after the model's own geoms.
+    """Decorator that adds arena, trails and markers to a scene, after the model's own geoms.
 
     Args:
-        playback: what is painted.
-        scene: where to.
+        playback: flights to show.
+        scene: scene of MuJoCo.
     """
 
     def __init__(self, playback: Playback, scene: mujoco.MjvScene) -> None:
@@ -117,12 +116,12 @@ class SceneDecorator:
         self.scene = scene
 
     def paint(self, time: float, moments: list[Moment], view: View) -> None:
-        """Add everything for one time.
+        """Add the decoration for one time.
 
         Args:
-            time: s.
-            moments: of each flight then.
-            view: from where it is seen; markers are as large as they need to be from there.
+            time: time, s.
+            moments: state of each flight at that time.
+            view: view, which determines the size of markers.
         """
         self._arena()
         for track, moment in zip(self.playback.tracks, moments, strict=True):
@@ -148,7 +147,7 @@ class SceneDecorator:
                 self._line(corners[k, drone], corners[k + 1, drone], 1.6, (*rgb[k, drone] / 255, alpha))
 
     def _markers(self, moment: Moment, view: View) -> None:
-        """A ball and an arrow where a drone would be too small to see, else a tinted disc around it."""
+        """Add a ball and an arrow for a drone that is too small to see, else a coloured disc around it."""
         width = self.playback.drone_width
         radii, depth = _marker_radii(moment, view)
         for drone in np.flatnonzero(depth > 0):
@@ -170,7 +169,7 @@ class SceneDecorator:
             self.scene.ngeom += 1
 
     def _line(self, start: ArrayLike, end: ArrayLike, width: float, rgba: ArrayLike) -> None:
-        """Add a line; its width is in pixels."""
+        """Add a line with a width in pixels."""
         geom = self._next(rgba)
         if geom is not None:
             ends = np.asarray(start, float), np.asarray(end, float)
@@ -185,7 +184,7 @@ class SceneDecorator:
             self.scene.ngeom += 1
 
     def _next(self, rgba: ArrayLike) -> Any:
-        """The next free geom of the scene, self-luminous in a colour; None if the scene is full."""
+        """Next free geom of the scene, with emission in a colour; None if the scene is full."""
         if self.scene.ngeom >= self.scene.maxgeom:
             return None
         geom = self.scene.geoms[self.scene.ngeom]

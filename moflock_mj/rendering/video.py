@@ -1,4 +1,4 @@
-"""A flight, or two in one arena, as a video: rendered without a screen, by several processes, encoded as it comes."""
+"""Video of one flight, or two in one arena, rendered off-screen by several processes."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from moflock_mj.visualization.captions import flight_names
 from moflock_mj.visualization.playback import Playback, playback_of
 
 SMALLEST = 480, 270
-"""Width and height, pixels, of the smallest video whose words can be read and do not cover each other."""
+"""Minimum width and height, pixels, at which captions are legible and do not overlap."""
 
 _LARGEST = 8192
-"""Pixels of the longest side."""
+"""Maximum width and height, pixels."""
 
 _WATCHABLE = 60.0
-"""Longest video, s, unless the user chooses the speed."""
+"""Maximum duration of a video at the default speed, s."""
 
 
 def render_video(
@@ -44,18 +44,18 @@ def render_video(
     processes: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Render one flight, or two to be compared, as MPEG-4 with H.264.
+    """Render one flight, or two to compare, as MPEG-4 with H.264.
 
     Args:
-        flights: flights with samples; two share one arena, and each has its own colour.
-        out: the file, .mp4.
+        flights: one or two flights with samples, in one arena; each of two has its own colour.
+        out: file to write, .mp4.
         camera: overview, chase or top.
-        colour: what the drones' colour tells: speed or danger.
-        fps: frames a second.
-        speed: simulated over shown time; by default real time, or what makes the video a minute long.
+        colour: quantity shown by the drones' colour: speed or danger.
+        fps: frame rate, Hz.
+        speed: simulated seconds per second of video; None for real time, or faster for at most a minute of video.
         size: width and height, pixels.
-        processes: that render; as many as there are processors by default.
-        progress: told the share that is done, from 0 to 1.
+        processes: number of rendering processes; None for one per processor.
+        progress: callback that receives the completed share, from 0 to 1.
 
     Raises:
         RenderError: a setting is out of bounds, there is no GL or no codec, or the file cannot be written.
@@ -82,7 +82,7 @@ def render_video(
 
 def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) -> None:
     if camera not in CAMERAS:
-        raise RenderError(f"camera: {camera!r} is unknown; there are {', '.join(CAMERAS)}")
+        raise RenderError(f"camera: {camera!r} is unknown: it must be one of {', '.join(CAMERAS)}")
     if not 1 <= fps <= 240:
         raise RenderError(f"fps: {fps} is out of bounds: it must be at least 1 and at most 240")
     if speed is not None and not 0.01 <= speed <= 1e4:
@@ -96,64 +96,66 @@ def _check(camera: str, fps: int, speed: float | None, size: tuple[int, int]) ->
 
 
 def _frames(playback: Playback, job: RenderJob) -> Generator[NDArray[np.uint8], None, None]:
-    """The frames in order, (height, width, 3); a process waits while its latest one has not been taken."""
-    crew: list[subprocess.Popen[bytes]] = []
+    """Yield the frames in order, (height, width, 3); a process waits until its latest frame has been read."""
+    workers: list[subprocess.Popen[bytes]] = []
     with tempfile.TemporaryDirectory(prefix="moflock-video-") as name:
-        folder, way = Path(name), find_gl()
+        folder, backend = Path(name), find_gl()
         playback.save(folder)
         job.save(folder)
         try:
             for number in range(job.processes):
-                crew.append(_start_worker(folder, number, way))
+                workers.append(_start_worker(folder, number, backend))
             for number in range(len(job.times)):
                 turn = number % job.processes
-                yield _take_frame(crew[turn], job.size, _words_file(folder, turn))
+                yield _read_frame(workers[turn], job.size, _stderr_file(folder, turn))
         finally:
-            for process in crew:
+            for process in workers:
                 process.kill()
                 process.communicate()
 
 
-def _words_file(folder: Path, number: int) -> Path:
-    """Where a rendering process's stderr goes."""
+def _stderr_file(folder: Path, number: int) -> Path:
+    """File with the stderr of a rendering process."""
     return folder / f"{number}.txt"
 
 
-def _start_worker(folder: Path, number: int, way: str) -> subprocess.Popen[bytes]:
-    """Start a rendering process that imports what this one does; in a session of its own, Ctrl-C does not reach it."""
+def _start_worker(folder: Path, number: int, backend: str) -> subprocess.Popen[bytes]:
+    """Start a rendering process with this process's import path, in its own session so that Ctrl-C does not end it."""
     path = os.pathsep.join(str(Path(place).absolute()) for place in sys.path)
-    with _words_file(folder, number).open("wb") as words:
+    with _stderr_file(folder, number).open("wb") as stderr:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "moflock_mj.rendering.render_worker", str(folder), str(number)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=words,
-            env={**environment_with(way), "PYTHONPATH": path},
+            stderr=stderr,
+            env={**environment_with(backend), "PYTHONPATH": path},
             start_new_session=True,
         )
 
 
-def _take_frame(process: subprocess.Popen[bytes], size: tuple[int, int], words: Path) -> NDArray[np.uint8]:
-    """The next frame of a process, (height, width, 3).
+def _read_frame(process: subprocess.Popen[bytes], size: tuple[int, int], stderr: Path) -> NDArray[np.uint8]:
+    """Read the next frame of a process, (height, width, 3).
 
     Raises:
-        RenderError: the process has ended; the last of its words say why.
+        RenderError: the process has ended; the message includes the last line of its stderr.
     """
     width, height = size
     frame = process.stdout.read(3 * width * height) if process.stdout else b""
     if len(frame) < 3 * width * height:
-        reason = words.read_text(errors="replace").strip().rpartition("\n")[2]
-        raise RenderError(f"video: a rendering process ended with status {process.wait()}: {reason or 'no word'}")
+        reason = stderr.read_text(errors="replace").strip().rpartition("\n")[2]
+        raise RenderError(
+            f"video: a rendering process ended with status {process.wait()}: {reason or 'no reason given'}"
+        )
     return np.frombuffer(frame, np.uint8).reshape(height, width, 3)
 
 
 class _Encoder:
-    """An H.264 file that frames are added to."""
+    """Encoder of an H.264 file."""
 
     def __init__(self, path: Path, fps: int, size: tuple[int, int]) -> None:
         try:
             import av  # noqa: PLC0415 - an extra
-            import PIL.Image  # noqa: F401, PLC0415 - of the same extra, for the words in the picture
+            import PIL.Image  # noqa: F401, PLC0415 - part of the same extra, for captions
         except ImportError as problem:
             name = str(problem.name).partition(".")[0]
             raise RenderError(f"video: {name} is not installed; pip install 'moflock-mj[video]'") from None

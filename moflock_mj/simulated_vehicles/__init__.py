@@ -1,1 +1,1 @@
-"""The server side: ArduPilot- and PX4-like vehicles on our bodies."""
+"""Simulated ArduPilot and PX4 vehicles that communicate over MAVLink."""

@@ -1,8 +1,8 @@
 """A simulated ArduCopter: its modes, parameters, arming and failsafes.
 
-Behaviour and defaults as ArduCopter 4.7 has them (https://ardupilot.org/copter/docs/parameters.html), measured where
-`vehicle.py`'s reader might doubt it: a velocity in GUIDED ends a take-off, silence makes it hover and never land, and
-most failsafes are off.
+Behaviour and defaults are those of ArduCopter 4.7 (https://ardupilot.org/copter/docs/parameters.html). Measured
+peculiarities: a velocity setpoint in GUIDED ends a take-off, without setpoints it hovers and never lands, and most
+failsafes are off.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _FENCE_ALTITUDE, _FENCE_CIRCLE, _FENCE_SHAPES = 1, 2, 4
 """Bits of FENCE_TYPE."""
 
 _PREARM_PERIOD = 30.0
-"""s, between two lists of what keeps it from arming."""
+"""Interval at which the reasons against arming are repeated, s."""
 
 
 def _defaults(system: int) -> dict[str, Parameter]:
@@ -117,8 +117,8 @@ class ArduCopter(Vehicle):
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         super().__init__(system, origin, body, boot)
         self._low_since = 0.0
-        self._low_told = 0
-        self._prearm_told = 0.0
+        self._low_reported = 0
+        self._prearm_reported = 0.0
 
     def make_parameters(self) -> ParameterTable:
         return ParameterTable(_defaults(self.system), bytewise=False)
@@ -162,7 +162,7 @@ class ArduCopter(Vehicle):
         return reasons
 
     def prearm_denials(self) -> list[str]:
-        """Less than arming looks at: it was measured healthy long before the position could be used."""
+        """Reasons of the pre-arm bit, fewer than for arming: it was measured healthy long before the position."""
         reasons, battery = [], self.battery
         if not self.estimator.attitude_ready:
             reasons.append("PreArm: AHRS: waiting for home")
@@ -184,10 +184,10 @@ class ArduCopter(Vehicle):
         return int(mavlink.MAV_RESULT_FAILED)
 
     def armed_in_mode(self) -> None:
-        """Nothing: it waits for a take-off."""
+        """No-op: it waits for a take-off command."""
 
     def took_off(self) -> None:
-        """Nothing: it hovers in GUIDED."""
+        """No-op: it hovers in GUIDED."""
 
     def command_takeoff(self, altitude: float) -> int:
         ready = self.armed and self.mode == GUIDED and self.phase == Phase.GROUND
@@ -204,9 +204,9 @@ class ArduCopter(Vehicle):
 
     def obey(self, setpoint: SetpointRequest) -> None:
         if self.mode != GUIDED or self.phase == Phase.GROUND or not self.armed:
-            return  # a setpoint lifts nothing off the ground
+            return  # a setpoint does not start a take-off
         self.setpoint = setpoint
-        self.fly_wish(setpoint, self.parameters["WPNAV_SPEED"] / 100)
+        self.follow_setpoint(setpoint, self.parameters["WPNAV_SPEED"] / 100)
 
     def descent(self) -> Descent:
         high = self.parameters["LAND_SPEED_HIGH"] or self.parameters["WPNAV_SPEED_DN"]
@@ -229,8 +229,8 @@ class ArduCopter(Vehicle):
         self._watch_fence()
 
     def _repeat_denials(self) -> None:
-        if not self.armed and self.time - self._prearm_told >= _PREARM_PERIOD:
-            self._prearm_told = self.time
+        if not self.armed and self.time - self._prearm_reported >= _PREARM_PERIOD:
+            self._prearm_reported = self.time
             for reason in self.prearm_denials():
                 self.say(reason)
 
@@ -242,8 +242,8 @@ class ArduCopter(Vehicle):
                 self.hold()
 
     def _watch_ground(self) -> None:
-        heard, action = self.ground_heard, int(self.parameters["FS_GCS_ENABLE"])
-        lost = bool(action) and heard is not None and self.time - heard > self.parameters["FS_GCS_TIMEOUT"]
+        heartbeat, action = self.ground_heartbeat, int(self.parameters["FS_GCS_ENABLE"])
+        lost = bool(action) and heartbeat is not None and self.time - heartbeat > self.parameters["FS_GCS_TIMEOUT"]
         if lost == self.ground_lost:
             return
         self.ground_lost = lost
@@ -260,7 +260,7 @@ class ArduCopter(Vehicle):
             self._fall_back(LAND)
 
     def _battery_level(self) -> int:
-        """0: enough charge; 1: low; 2: critical."""
+        """Battery level: 0 for enough charge, 1 for low, 2 for critical."""
         volts, left = self.battery.voltage, self.battery.remaining * self.battery.capacity
         if volts < self.parameters["BATT_CRT_VOLT"] or left < self.parameters["BATT_CRT_MAH"]:
             return 2
@@ -269,9 +269,13 @@ class ArduCopter(Vehicle):
     def _watch_battery(self) -> None:
         level = self._battery_level()
         if not level:
-            self._low_since, self._low_told = self.time, 0
-        elif level > self._low_told and self.armed and self.time - self._low_since >= self.parameters["BATT_LOW_TIMER"]:
-            self._low_told = level
+            self._low_since, self._low_reported = self.time, 0
+        elif (
+            level > self._low_reported
+            and self.armed
+            and self.time - self._low_since >= self.parameters["BATT_LOW_TIMER"]
+        ):
+            self._low_reported = level
             self.say(
                 f"Battery 1 is {'low' if level == 1 else 'critical'} {self.battery.voltage:.2f}V used "
                 f"{self.battery.used:.0f} mAh",
@@ -301,11 +305,11 @@ class ArduCopter(Vehicle):
         self.breached = outside
 
     def _fall_back(self, mode: int) -> None:
-        """Change to a failsafe's mode; without a position to LAND, on the ground disarm."""
+        """Change to a failsafe's mode, or to LAND without a position; disarm on the ground."""
         if self.phase == Phase.GROUND:
             self.disarm(force=False)
             return
         if mode in (RTL, BRAKE) and not self.estimator.position_ready:
             mode = LAND
-        if self.mode not in (LAND, mode):  # a landing goes on
+        if self.mode not in (LAND, mode):  # a landing is not interrupted
             self.set_mode(mode, failsafe=True)

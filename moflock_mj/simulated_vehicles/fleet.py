@@ -1,4 +1,4 @@
-"""A fleet of simulated vehicles in real time: bodies are stepped, vehicles decide, packets come and go."""
+"""A fleet of simulated vehicles in real time: dynamics, autopilots and MAVLink endpoints."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from moflock_mj.mavlink.signing import SigningClock, SigningKey
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulated_vehicles.ardupilot import ArduCopter
 from moflock_mj.simulated_vehicles.guidance import Body, Setpoint
-from moflock_mj.simulated_vehicles.message_handler import Conversation
+from moflock_mj.simulated_vehicles.message_handler import MessageHandler
 from moflock_mj.simulated_vehicles.px4 import Px4
 from moflock_mj.simulated_vehicles.telemetry import Telemetry
 from moflock_mj.simulated_vehicles.vehicle import Phase, Vehicle
@@ -33,35 +33,35 @@ from moflock_mj.simulation.realtime_bodies import RealtimeBodies
 AUTOPILOTS: dict[str, type[Vehicle]] = {"ardupilot": ArduCopter, "px4": Px4}
 
 TICK = 0.02
-"""s, simulated: period in which vehicles decide and send."""
+"""Update interval of the vehicles, s of simulated time."""
 VEHICLES_MAX = 250
-"""System ids that there are for vehicles."""
+"""Maximum number of vehicles: the number of system ids for vehicles."""
 _SPEED_MAX = 100.0
 _LATE_MAX = 0.5
-"""s by which the loop may be behind the clock before it gives up making good for it."""
+"""Seconds the loop may lag before it stops catching up."""
 _WAITING_MAX = 10_000
-"""Packets that a delayed link holds; more are lost."""
+"""Maximum number of packets in a delayed link; more are lost."""
 _BLIND_DRIFT = 0.035
-"""m/s^2 along each axis, by which velocity errors grow without GPS: gravity through a tilt error of 0.3 degrees."""
+"""Growth of the velocity error along each axis without GPS, m/s^2: gravity through a tilt error of 0.3 degrees."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FleetPlan:
-    """What a fleet is.
+    """Plan of a fleet.
 
     Attributes:
-        vehicles: their number, from 1 to 250; vehicle i has system id i + 1 and port base_port + i.
-        autopilot: of AUTOPILOTS.
-        base_port: of the first vehicle; 0: any free ports.
-        bind: address of this machine at which the vehicles listen.
-        to: where the vehicles send their heartbeats unasked, or None.
-        speed: simulated over real time.
-        spacing: m, between neighbours of the grid in which they stand.
-        boot: s, simulated, until a vehicle's position can be used.
-        scenario: airframe, response, outer noise and GPS errors.
-        faults: what breaks.
-        seed: of the random numbers.
-        origin: the world's place on the globe.
+        vehicles: number of vehicles, from 1 to 250; vehicle i has system id i + 1 and port base_port + i.
+        autopilot: name in AUTOPILOTS.
+        base_port: port of the first vehicle; 0 for any free ports.
+        bind: local address on which the vehicles listen.
+        to: address to which the vehicles send first, or None.
+        speed: simulated seconds per real second.
+        spacing: distance between neighbours in the grid on the ground, m.
+        boot: simulated time until a vehicle's position is usable, s.
+        scenario: scenario with airframe, response, velocity disturbance and GPS errors.
+        faults: faults of the vehicles.
+        seed: seed of all random numbers.
+        origin: geographic position of the world frame's origin.
 
     Raises:
         FleetError: a value is out of bounds.
@@ -103,12 +103,12 @@ class Station:
     """One vehicle, its endpoint, and the faults of both.
 
     Args:
-        number: of the vehicle, from 0.
-        vehicle: decides.
-        faults: that befall it.
-        rng: of lost packets.
-        key: of the signatures, or None.
-        clock: of the signatures.
+        number: number of the vehicle, from 0.
+        vehicle: simulated autopilot.
+        faults: faults of the vehicle and its link.
+        rng: random numbers of packet loss.
+        key: signing key, or None.
+        clock: clock of the signatures.
     """
 
     def __init__(
@@ -125,19 +125,19 @@ class Station:
         self.endpoint = Endpoint(vehicle.system, self._receive, key=key, clock=clock)
         self.address: Address | None = None
         self.telemetry = Telemetry(vehicle, time.time())
-        self._conversation = Conversation(vehicle, self.telemetry, lambda: int(vehicle.time * 1e9))
+        self._message_handler = MessageHandler(vehicle, self.telemetry, lambda: int(vehicle.time * 1e9))
         self.faults = Schedule(faults, self._begin_fault, self._end_fault)
         self._rng = rng
         self._waiting: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
 
     def step(self, now: float, body: Body) -> Setpoint:
-        """Go on to `now`, s; returns what the body is to do."""
+        """Advance to `now`, s; returns the setpoint of the body."""
         self.faults.update(now)
         setpoint = self.vehicle.update(now, body, gps_lost=self.faults.acting("gps_loss") is not None)
         while self._waiting and self._waiting[0][0] <= now:
             heapq.heappop(self._waiting)[2]()
-        self._conversation.update()
+        self._message_handler.update()
         self._flush()
         for message in self.telemetry.due():
             self._send_to_all(message)
@@ -148,7 +148,7 @@ class Station:
             self._carry(lambda: self._answer(message, peer))
 
     def _answer(self, message: Message, peer: Peer) -> None:
-        self._conversation.answer(message, peer)
+        self._message_handler.answer(message, peer)
         self._flush()
 
     def _flush(self) -> None:
@@ -169,7 +169,7 @@ class Station:
             self._carry(lambda: self.endpoint.send_packet(packet, peer))
 
     def _carry(self, arrive: Callable[[], None]) -> None:
-        """Let something pass the link, as good as it is."""
+        """Call `arrive` subject to the loss and delay of the link."""
         loss, late = self.faults.acting("link_loss"), self.faults.acting("link_delay")
         if loss is not None and self._rng.random() < (loss.share or 0.0):
             return
@@ -194,15 +194,18 @@ class Station:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FleetState:
-    """A look at a running fleet.
+    """State of a running fleet.
 
     Attributes:
-        time: s, simulated.
-        real_time_factor: simulated over wall time since the look before, 1 at the plan's speed.
-        armed: vehicles.
-        flying: vehicles.
-        modes: number of vehicles in each, by name.
-        received: packets by all endpoints; so are dropped, lost and sent.
+        time: simulated time, s.
+        real_time_factor: simulated over wall time since the previous call, relative to the plan's speed.
+        armed: number of armed vehicles.
+        flying: number of vehicles in the air.
+        modes: number of vehicles in each mode, by name.
+        received: packets received by all endpoints.
+        dropped: packets dropped by all endpoints.
+        lost: packets lost on the way to all endpoints.
+        sent: packets sent by all endpoints.
     """
 
     time: float
@@ -217,14 +220,14 @@ class FleetState:
 
 
 class Fleet:
-    """N simulated vehicles, each behind an endpoint of its own.
+    """N simulated vehicles, each with its own endpoint.
 
     Args:
-        plan: what it is.
-        key: of the links' signatures, or None.
+        plan: plan of the fleet.
+        key: signing key of the links, or None.
 
     Raises:
-        MoflockError: the airframe cannot be flown, or the plan not be kept.
+        MoflockError: the airframe cannot be flown, or the plan is invalid for the scenario.
     """
 
     def __init__(self, plan: FleetPlan, key: SigningKey | None = None) -> None:
@@ -234,10 +237,12 @@ class Fleet:
         step = plan.scenario.step_for("rigid_body")
         self._steps = round(TICK / step)
         if not math.isclose(self._steps * step, TICK):
-            raise FleetError(f"step: {step:g} s must go a whole number of times into {TICK:g} s")
+            raise FleetError(f"step: {step:g} s: it must divide {TICK:g} s")
         self.bodies = RealtimeBodies(plan.scenario, places, streams, self._steps)
         if 2 * self.bodies.radius >= plan.spacing:
-            raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
+            raise FleetError(
+                f"spacing: {plan.spacing:g} m: it must be above the airframe's diameter, {2 * self.bodies.radius:g} m"
+            )
         clock = SigningClock()
         make = AUTOPILOTS[plan.autopilot]
         self.stations = [
@@ -250,15 +255,15 @@ class Fleet:
                 clock,
             )
             for number, (body, rng) in enumerate(
-                zip(self._look(), streams.communication.spawn(plan.vehicles), strict=True)
+                zip(self._estimates(), streams.communication.spawn(plan.vehicles), strict=True)
             )
         ]
         self._ticks = 0
-        self._looked = (0.0, time.perf_counter())
+        self._last_state = (0.0, time.perf_counter())
 
     @property
     def time(self) -> float:
-        """s, simulated."""
+        """Simulated time, s."""
         return self._ticks * TICK
 
     async def open(self) -> None:
@@ -283,7 +288,7 @@ class Fleet:
             station.endpoint.close()
 
     async def run(self, duration: float = math.inf, stop: Callable[[], bool] = lambda: False) -> None:
-        """Fly in real time, times the plan's speed, for `duration` simulated seconds or until `stop` says True."""
+        """Run at the plan's speed for `duration` simulated seconds or until `stop` returns True."""
         begun, done = time.perf_counter(), 0
         period = TICK / self.plan.speed
         while not stop() and self.time < duration - TICK / 2:
@@ -295,10 +300,10 @@ class Fleet:
             await asyncio.sleep(max(wait, 0))
 
     def tick(self) -> None:
-        """Let all vehicles decide and move for TICK."""
+        """Update all vehicles and advance the dynamics by TICK."""
         self._ticks += 1
         bodies = self.bodies
-        for station, body in zip(self.stations, self._look(), strict=True):
+        for station, body in zip(self.stations, self._estimates(), strict=True):
             number, setpoint = station.number, station.step(self.time, body)
             bodies.desired[0, number] = setpoint.velocity_x
             bodies.desired[1, number] = setpoint.velocity_y
@@ -312,9 +317,9 @@ class Fleet:
         bodies.advance(self._steps)
 
     def state(self) -> FleetState:
-        """How it goes."""
-        (before, wall_before), now = self._looked, time.perf_counter()
-        self._looked = (self.time, now)
+        """Return the present state of the fleet."""
+        (before, wall_before), now = self._last_state, time.perf_counter()
+        self._last_state = (self.time, now)
         vehicles = [station.vehicle for station in self.stations]
         counts = [station.endpoint.counts for station in self.stations]
         modes: dict[str, int] = {}
@@ -333,8 +338,8 @@ class Fleet:
             sent=sum(count.sent for count in counts),
         )
 
-    def _look(self) -> list[Body]:
-        """The states of all bodies as they measure them."""
+    def _estimates(self) -> list[Body]:
+        """Estimated states of all vehicles."""
         bodies = self.bodies
         pose, motion = bodies.qpos.copy(), bodies.qvel.copy()
         pose[:, :2] += bodies.position_error.T

@@ -1,4 +1,4 @@
-"""Guidance of one simulated vehicle: from hold, fly, go, rise or sink to a horizontal velocity and a height."""
+"""Guidance of one simulated vehicle: converts hold, fly, go, rise or sink to a horizontal velocity and a height."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import NamedTuple
 from moflock_mj.mavlink.frames import Triple
 
 _PLACE_GAIN = 0.3
-"""1/s, from distance to speed: with the velocity loop's time constant of 1 s, a damping ratio of 0.9."""
+"""Position gain, 1/s; with the velocity loop's time constant of 1 s, the damping ratio is 0.9."""
 _BRAKING = 1.5
-"""m/s^2, of the approach to a place."""
+"""Deceleration of the approach to a place, m/s^2."""
 _STOPPED = 0.5
-"""m/s, below which a vehicle that holds keeps the place that it has reached."""
+"""Speed below which a holding vehicle keeps its present place, m/s."""
 _CLIMB_MAX = 3.0
-"""m/s, what the altitude loop flies."""
+"""Maximum climb rate of the altitude loop, m/s."""
 _SPEED_MAX = 100.0
-"""m/s, bound of any commanded velocity."""
+"""Maximum commanded speed, m/s."""
 
 
 class Body(NamedTuple):
-    """The state of one vehicle, as its estimator has it.
+    """Estimated state of one vehicle.
 
     Attributes:
-        position: m, world.
-        velocity: m/s, world.
-        quaternion: w x y z, body to world.
-        rates: rad/s, body (x forward, y left, z up).
+        position: position, m, world.
+        velocity: velocity, m/s, world.
+        quaternion: quaternion (w, x, y, z) from body to world.
+        rates: angular rates, rad/s, body (x forward, y left, z up).
     """
 
     position: Triple
@@ -36,7 +36,7 @@ class Body(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Horizontal, m/s."""
+        """Horizontal speed, m/s."""
         return math.hypot(self.velocity[0], self.velocity[1])
 
     @property
@@ -47,13 +47,13 @@ class Body(NamedTuple):
 
 
 class Setpoint(NamedTuple):
-    """What the controllers of a body are asked for.
+    """Setpoint of a body's controllers.
 
     Attributes:
-        velocity_x: m/s, world; so is velocity_y.
-        velocity_y: m/s, world.
-        altitude: m, world, of the body's centre.
-        stopped: whether the rotors stand still.
+        velocity_x: velocity along x, m/s, world.
+        velocity_y: velocity along y, m/s, world.
+        altitude: altitude of the body's centre, m, world.
+        stopped: whether the rotors are stopped.
     """
 
     velocity_x: float
@@ -63,10 +63,10 @@ class Setpoint(NamedTuple):
 
 
 class Guide:
-    """Flies one wish at a time; each wish replaces the one before.
+    """Guidance with one target at a time; each call replaces the target.
 
     Args:
-        altitude: m, where the vehicle is.
+        altitude: present altitude of the vehicle, m.
     """
 
     def __init__(self, altitude: float) -> None:
@@ -78,12 +78,12 @@ class Guide:
         self._rates = (_CLIMB_MAX, _CLIMB_MAX)
 
     def hold(self) -> None:
-        """Stop, and stay where that is."""
+        """Stop, and keep the place of standstill."""
         self._velocity, self._place, self._speed = None, None, 2.0
         self._target, self._rates = self._altitude, (_CLIMB_MAX, _CLIMB_MAX)
 
     def fly(self, velocity: Triple, speed_max: float = _SPEED_MAX) -> None:
-        """Fly a velocity, m/s, world, cut to `speed_max` in the horizontal."""
+        """Fly a velocity, m/s, world, whose horizontal part is limited to `speed_max`."""
         x, y, z = velocity
         speed = math.hypot(x, y)
         share = min(1.0, speed_max / speed) if speed else 1.0
@@ -92,22 +92,22 @@ class Guide:
         self._target, self._rates = math.copysign(math.inf, z) if climb else self._altitude, (climb, climb)
 
     def go(self, place: tuple[float, float], altitude: float, *, speed: float, climb: float, descent: float) -> None:
-        """Go to a place and a height, m, world, at these speeds at most, m/s."""
+        """Go to a place and an altitude, m, world, with these maximum speeds, m/s."""
         self._velocity, self._place, self._speed = None, place, speed
         self._target, self._rates = altitude, (climb, descent)
 
     def rise(self, body: Body, altitude: float, climb: float) -> None:
-        """Take off straight up from where the body is."""
+        """Take off vertically from the body's position."""
         self._altitude = body.position[2]
         self.go((body.position[0], body.position[1]), altitude, speed=2.0, climb=climb, descent=climb)
 
     def sink(self, lowest: float, descent: float) -> None:
-        """Descend on the place that is held, or where the vehicle comes to rest, to a height in m."""
+        """Descend to an altitude, m, at the held place or at the place of standstill."""
         self._velocity, self._speed = None, 2.0
         self._target, self._rates = lowest, (descent, descent)
 
     def step(self, seconds: float, body: Body, *, lowest: float) -> Setpoint:
-        """The setpoint for the next `seconds`; never below `lowest`, m."""
+        """Return the setpoint for the next `seconds`, never below the altitude `lowest`, m."""
         climb, descent = self._rates
         change = min(max(self._target - self._altitude, -descent * seconds), climb * seconds)
         self._altitude = max(self._altitude + change, lowest)

@@ -1,4 +1,4 @@
-"""What a simulated vehicle answers to the messages that it receives."""
+"""Handling of the messages that a simulated vehicle receives."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from moflock_mj.simulated_vehicles.telemetry import Telemetry
 from moflock_mj.simulated_vehicles.vehicle import SetpointRequest, Vehicle
 
 _FORCE = 21196
-"""Magic number of a MAV_CMD_COMPONENT_ARM_DISARM that is to be done whatever the checks say."""
+"""Magic number of a MAV_CMD_COMPONENT_ARM_DISARM that skips the checks."""
 _LISTED_AT_ONCE = 4
-"""Parameters of a list that are sent in one update."""
+"""Number of parameters of a list that are sent in one update."""
 _FTP_NAK, _FTP_FAIL = 129, 1
 _FTP_HEADER = 12
 
@@ -22,7 +22,7 @@ _IGNORE_POSITION, _IGNORE_VELOCITY = 0b111, 0b111000
 _LOCAL_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED)
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 _PLACE_MAX = 1e6
-"""m, beyond which a position is no position."""
+"""Maximum coordinate of a valid position, m."""
 
 
 class Command(NamedTuple):
@@ -35,13 +35,13 @@ class Command(NamedTuple):
     param7: float
 
 
-class Conversation:
-    """Answers of one vehicle.
+class MessageHandler:
+    """Handler of the messages that one vehicle receives.
 
     Args:
-        vehicle: obeys.
-        telemetry: of this vehicle.
-        clock: tells the time of TIMESYNC, ns.
+        vehicle: vehicle that executes the commands.
+        telemetry: telemetry of the vehicle.
+        clock: function that returns the time of TIMESYNC, ns.
     """
 
     def __init__(self, vehicle: Vehicle, telemetry: Telemetry, clock: Callable[[], int]) -> None:
@@ -86,13 +86,13 @@ class Conversation:
         }
 
     def answer(self, message: Message, peer: object) -> None:
-        """Take a valid message that is for this vehicle; answers go to its outbox."""
+        """Process a valid message for this vehicle; answers go to its outbox."""
         known = self._answers.get(message.get_type())
         if known:
             known(message, peer)
 
     def update(self) -> None:
-        """Go on with lists of parameters."""
+        """Continue to send lists of parameters."""
         names = self._vehicle.parameters
         for peer, first in list(self._listing.items()):
             last = min(first + _LISTED_AT_ONCE, len(names))
@@ -105,7 +105,7 @@ class Conversation:
 
     def _heartbeat(self, message: Message, peer: object) -> None:  # noqa: ARG002
         if self._vehicle.is_ground_station(message.get_srcSystem(), message.type):
-            self._vehicle.hear_ground()
+            self._vehicle.note_ground_heartbeat()
 
     def _command(self, message: Message, peer: object) -> None:
         last = message.param7 if message.get_type() == "COMMAND_LONG" else message.z
@@ -189,7 +189,7 @@ class Conversation:
             vehicle.obey(SetpointRequest(velocity=velocity, position=position, time=vehicle.time))
 
     def _turned(self, velocity: Triple, frame: int) -> Triple | None:
-        """A velocity in our world of one in a message's frame; None if it is none."""
+        """Convert a velocity from a message's frame to the world; None if it is invalid."""
         north, east, down = velocity
         if not all(math.isfinite(speed) for speed in velocity) or frame not in (*_LOCAL_FRAMES, *_BODY_FRAMES):
             return None
@@ -201,7 +201,7 @@ class Conversation:
         return world_of_ned((north, east, down))
 
     def _placed(self, place: Triple) -> Triple | None:
-        """A place in our world of one in the vehicle's own NED; None if it is none."""
+        """Convert a position from the vehicle's own NED to the world; None if it is invalid."""
         if not all(abs(coordinate) <= _PLACE_MAX for coordinate in place):
             return None
         (x, y, z), origin = world_of_ned(place), self._vehicle.local_origin
@@ -220,7 +220,7 @@ class Conversation:
         parameters, name = self._vehicle.parameters, message.param_id
         parameters.receive(name, message.param_value, message.param_type)
         if name in parameters:
-            # Who sent a value that was refused sees by the answer that the old one stays.
+            # The answer to a refused value contains the old one.
             self._vehicle.send(parameters.message(name), peer)
 
     def _fence(self, message: Message, peer: object) -> None:
@@ -228,8 +228,8 @@ class Conversation:
 
     def _ping(self, message: Message, peer: object) -> None:
         if message.target_system == 0:
-            whom = (message.get_srcSystem(), message.get_srcComponent())
-            self._vehicle.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *whom), peer)
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            self._vehicle.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender), peer)
 
     def _timesync(self, message: Message, peer: object) -> None:
         if message.tc1 == 0:
@@ -240,17 +240,18 @@ class Conversation:
         self._telemetry.set_stream(message.req_stream_id, rate)
 
     def _refuse_files(self, message: Message, peer: object) -> None:
-        """MAVFTP: there are no files. Without a refusal MAVProxy waits for 11 s."""
-        asked = bytes(message.payload)[:_FTP_HEADER]
-        if len(asked) < _FTP_HEADER or asked[3] >= 128:
-            return  # an answer is not answered
-        sequence = (int.from_bytes(asked[:2], "little") + 1) % 65536
-        refusal = sequence.to_bytes(2, "little") + bytes((asked[2], _FTP_NAK, 1, asked[3], 0, 0, 0, 0, 0, 0, _FTP_FAIL))
-        whom = (message.get_srcSystem(), message.get_srcComponent())
+        """Refuse MAVFTP, since there are no files; without a refusal MAVProxy waits for 11 s."""
+        header = bytes(message.payload)[:_FTP_HEADER]
+        if len(header) < _FTP_HEADER or header[3] >= 128:
+            return  # only requests are answered
+        sequence = (int.from_bytes(header[:2], "little") + 1) % 65536
+        result = bytes((header[2], _FTP_NAK, 1, header[3], 0, 0, 0, 0, 0, 0, _FTP_FAIL))
+        refusal = sequence.to_bytes(2, "little") + result
+        sender = (message.get_srcSystem(), message.get_srcComponent())
         payload = list(refusal.ljust(251, b"\0"))
-        self._vehicle.send(mavlink.MAVLink_file_transfer_protocol_message(0, *whom, payload), peer)
+        self._vehicle.send(mavlink.MAVLink_file_transfer_protocol_message(0, *sender, payload), peer)
 
 
 def _message_number(carried: float) -> int | None:
-    """A message id that came as a float."""
+    """Message id from a float parameter; None if it is invalid."""
     return int(carried) if math.isfinite(carried) and 0 <= carried < 2**24 else None

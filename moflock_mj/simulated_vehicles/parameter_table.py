@@ -13,8 +13,8 @@ class ParameterTable:
     """Parameters in the order of their index.
 
     Args:
-        defaults: by name, of at most 16 characters.
-        bytewise: integers travel as the bytes of the float (PX4), else as its value (ArduPilot: a C cast).
+        defaults: defaults by name, of at most 16 characters.
+        bytewise: whether integers are encoded as the bytes of the float (PX4) or as its value (ArduPilot's C cast).
     """
 
     def __init__(self, defaults: Mapping[str, Parameter], *, bytewise: bool) -> None:
@@ -37,7 +37,7 @@ class ParameterTable:
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def set_value(self, name: str, value: float) -> None:
-        """Set a known parameter; a value that its type cannot hold goes to the nearest that it can."""
+        """Set a known parameter; a value is limited to the range of the parameter's type."""
         kind = self._table[name].kind
         if kind != REAL32:
             limit = _LIMITS[kind]
@@ -45,12 +45,12 @@ class ParameterTable:
         self._table[name] = Parameter(kind, value)
 
     def receive(self, name: str, carried: float, kind: int) -> bool:
-        """Take a PARAM_SET; returns whether it was one of a known parameter and a finite value.
+        """Process a PARAM_SET; returns whether the parameter is known and the value finite.
 
         Args:
-            name: of the parameter.
-            carried: the message's float field.
-            kind: the message's MAV_PARAM_TYPE. PX4 insists on its own, ArduPilot does not look.
+            name: name of the parameter.
+            carried: float field of the message.
+            kind: MAV_PARAM_TYPE of the message; PX4 requires the parameter's own type, ArduPilot ignores it.
         """
         known = self._table.get(name)
         if known is None:
@@ -64,7 +64,7 @@ class ParameterTable:
         return True
 
     def message(self, name: str) -> mavlink.MAVLink_param_value_message:
-        """The PARAM_VALUE of a parameter."""
+        """PARAM_VALUE message of a parameter."""
         parameter = self._table[name]
         carried = value_carried(parameter.value, parameter.kind, bytewise=self._bytewise)
         return mavlink.MAVLink_param_value_message(

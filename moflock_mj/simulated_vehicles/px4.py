@@ -1,8 +1,8 @@
 """A simulated PX4 multicopter: its modes, parameters, arming and failsafes.
 
-Behaviour and defaults as PX4 1.17 has them (https://docs.px4.io/main/en/advanced_config/parameter_reference.html),
-measured where it surprises: OFFBOARD is accepted without a stream while disarmed, and then refuses to arm; a lost
-stream sends the vehicle home; after a landing it is back in OFFBOARD.
+Behaviour and defaults are those of PX4 1.17 (https://docs.px4.io/main/en/advanced_config/parameter_reference.html).
+Measured peculiarities: a disarmed vehicle accepts OFFBOARD without a stream and then refuses to arm; a lost stream
+makes the vehicle return; after a landing it is in OFFBOARD again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, Se
 
 
 def _mode(main: int, sub: int = 0) -> int:
-    """HEARTBEAT's custom_mode of a main and a sub mode."""
+    """HEARTBEAT's custom_mode of a main mode and a sub-mode."""
     return main << 16 | sub << 24
 
 
@@ -28,12 +28,12 @@ TAKEOFF, HOLD, MISSION, RETURN, LAND = _mode(4, 2), _mode(4, 3), _mode(4, 4), _m
 _WITHOUT_POSITION = (MANUAL, ALTITUDE)
 _WITH_STICKS = (MANUAL, ALTITUDE, POSITION)
 _ENDS = (TAKEOFF, RETURN, LAND)
-"""Modes that are over when it disarms: it goes back to the one before."""
-_UNSAID = ""
-"""An objection that PX4 tells by an event alone, and no status text."""
+"""Modes that end at disarming, with a return to the mode before."""
+_NO_TEXT = ""
+"""Arming denial that PX4 reports by an event only, without a status text."""
 
 _ACCEPTANCE = 10.0
-"""m, NAV_ACC_RAD: nearer than this, a return needs no climb."""
+"""NAV_ACC_RAD, m: distance from home within which a return needs no climb."""
 
 
 def _defaults(system: int) -> dict[str, Parameter]:
@@ -128,8 +128,8 @@ class Px4(Vehicle):
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         super().__init__(system, origin, body, boot)
         self._after_disarming = HOLD
-        self._battery_told = 0
-        self._takeoff_asked = math.nan
+        self._battery_reported = 0
+        self._requested_takeoff = math.nan
 
     def make_parameters(self) -> ParameterTable:
         return ParameterTable(_defaults(self.system), bytewise=True)
@@ -185,10 +185,10 @@ class Px4(Vehicle):
             reasons.append("Preflight Fail: Low battery level")
         if self.fence_enabled and self._is_outside():
             reasons.append("Preflight Fail: Geofence violation")
-        if self.parameters["NAV_DLL_ACT"] and (self.ground_heard is None or self.ground_lost):
+        if self.parameters["NAV_DLL_ACT"] and (self.ground_heartbeat is None or self.ground_lost):
             reasons.append("Preflight Fail: No connection to the GCS")
         if self.mode in (*_WITH_STICKS, RETURN, LAND) or (self.mode == OFFBOARD and not self._streams()):
-            reasons.append(_UNSAID)
+            reasons.append(_NO_TEXT)
         return reasons
 
     def prearm_denials(self) -> list[str]:
@@ -210,7 +210,7 @@ class Px4(Vehicle):
         if self.phase != Phase.GROUND or (self.armed and not self.estimator.position_ready):
             return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         # The command's altitude is above mean sea level here.
-        self._takeoff_asked = altitude - self.origin.altitude if math.isfinite(altitude) else math.nan
+        self._requested_takeoff = altitude - self.origin.altitude if math.isfinite(altitude) else math.nan
         self.set_mode(TAKEOFF)
         if self.armed:
             self._begin_takeoff()
@@ -240,7 +240,7 @@ class Px4(Vehicle):
         return Descent(value["MPC_Z_VEL_MAX_DN"], value["MPC_LAND_SPEED"], value["MPC_LAND_ALT2"])
 
     def return_plan(self) -> ReturnPlan:
-        """Higher the farther it is from home, up to RTL_RETURN_ALT: within a cone over home."""
+        """Return altitude, which rises with the distance from home along a cone up to RTL_RETURN_ALT."""
         value, (x, y, _) = self.parameters, self.body.position
         home = self.home or self.body.position
         away = math.hypot(x - home[0], y - home[1])
@@ -274,25 +274,25 @@ class Px4(Vehicle):
             )
             if not upwards:
                 return
-        self.fly_wish(setpoint, self.parameters["MPC_XY_VEL_MAX"])
+        self.follow_setpoint(setpoint, self.parameters["MPC_XY_VEL_MAX"])
 
     def _begin_takeoff(self) -> None:
         if self.phase == Phase.GROUND:
-            asked = self._takeoff_asked - self.home[2] if self.home else math.nan
-            altitude = asked if asked > 0 else self.parameters["MIS_TAKEOFF_ALT"]
+            requested = self._requested_takeoff - self.home[2] if self.home else math.nan
+            altitude = requested if requested > 0 else self.parameters["MIS_TAKEOFF_ALT"]
             self.take_off(max(altitude, 0.5), self.parameters["MPC_TKO_SPEED"])
 
     def _watch_stream(self) -> None:
         if self.mode != OFFBOARD or self._streams() or not self.armed:
             return
         self.say("Failsafe activated: Offboard control lost")
-        # Without a remote control there are no manual modes to fall back to: the vehicle returns.
+        # Without a remote control the manual modes are not available, so the vehicle returns.
         action = {4: LAND, 5: HOLD}.get(int(self.parameters["COM_OBL_RC_ACT"]), RETURN)
         self._fall_back(action)
 
     def _watch_ground(self) -> None:
-        heard, action = self.ground_heard, int(self.parameters["NAV_DLL_ACT"])
-        lost = heard is not None and self.time - heard > self.parameters["COM_DL_LOSS_T"]
+        heartbeat, action = self.ground_heartbeat, int(self.parameters["NAV_DLL_ACT"])
+        lost = heartbeat is not None and self.time - heartbeat > self.parameters["COM_DL_LOSS_T"]
         if lost == self.ground_lost:
             return
         self.ground_lost = lost
@@ -310,14 +310,14 @@ class Px4(Vehicle):
     def _watch_battery(self) -> None:
         left, value = self.battery.remaining, self.parameters
         level = sum(left < value[name] for name in ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR"))
-        if level > self._battery_told and self.armed:
+        if level > self._battery_reported and self.armed:
             self.say(("Low battery", "Critical battery", "Dangerous battery")[level - 1])
             action = int(value["COM_LOW_BAT_ACT"])
             if (action == 2 and level >= 2) or (action == 3 and level == 3):
                 self._fall_back(LAND)
             elif action == 3 and level == 2:
                 self._fall_back(RETURN)
-        self._battery_told = level
+        self._battery_reported = level
 
     @property
     def fence_enabled(self) -> bool:
@@ -336,9 +336,9 @@ class Px4(Vehicle):
         self.breached = outside
 
     def _fall_back(self, mode: int) -> None:
-        """Change to a failsafe's mode; on the ground disarm."""
+        """Change to a failsafe's mode; disarm on the ground."""
         if self.phase == Phase.GROUND:
             self.disarm(force=False)
             self.set_mode(HOLD)
-        elif self.mode not in (LAND, mode):  # a landing goes on
+        elif self.mode not in (LAND, mode):  # a landing is not interrupted
             self.set_mode(mode, failsafe=True)

@@ -1,4 +1,4 @@
-"""What a simulated vehicle tells of itself: each message, and how often it is sent."""
+"""Telemetry of a simulated vehicle: its messages and their rates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from moflock_mj.mavlink.frames import euler_of_quaternion, frd_of_flu, ned_of_wo
 from moflock_mj.simulated_vehicles.vehicle import Phase, Vehicle
 
 HEARTBEAT_PERIOD = 1.0
-"""s."""
+"""Interval of heartbeats, s."""
 
 _STREAMS: dict[int, tuple[int, ...]] = {
     mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
@@ -31,7 +31,7 @@ _STREAMS: dict[int, tuple[int, ...]] = {
         mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
     ),
 }
-"""What ArduPilot sends for each stream of REQUEST_DATA_STREAM."""
+"""Messages that ArduPilot sends for each stream of REQUEST_DATA_STREAM."""
 
 _PX4_RATES = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
@@ -45,7 +45,7 @@ _PX4_RATES = {
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 2.0,
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 5.0,
 }
-"""Hz, of what PX4 sends by itself."""
+"""Rates of the messages that PX4 sends by default, Hz."""
 
 _SENSORS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
@@ -62,11 +62,11 @@ _SENSORS = (
 
 
 class Telemetry:
-    """The messages of one vehicle that fall due, the same for all its peers: as on one serial port.
+    """Periodic messages of one vehicle, the same for all its peers, as on one serial port.
 
     Args:
-        vehicle: tells of itself.
-        unix_start: s, Unix time at which it was switched on.
+        vehicle: the vehicle.
+        unix_start: Unix time of power-on, s.
     """
 
     def __init__(self, vehicle: Vehicle, unix_start: float) -> None:
@@ -74,7 +74,7 @@ class Telemetry:
         self._unix_start = unix_start
         self._periods: dict[int, float] = {}
         self._due: dict[int, float] = {}
-        self._beat_due = 0.0
+        self._heartbeat_due = 0.0
         self._announced: object = None
         self._makers: dict[int, Callable[[], Message | None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self.heartbeat,
@@ -101,12 +101,12 @@ class Telemetry:
         self._defaults = dict(self._periods)
 
     def make(self, number: int) -> Message | None:
-        """The message of an id as it would be now; None if there is nothing to tell, or no such message."""
+        """Make the present message of an id; None if it has no content yet, or is unknown."""
         maker = self._makers.get(number)
         return maker() if maker else None
 
     def set_interval(self, number: int, microseconds: float) -> None:
-        """Send a message each so many us; -1: never; 0: as often as by itself."""
+        """Set the interval of a message, us; -1 for never, 0 for the default."""
         self._periods.pop(number, None)
         self._due.pop(number, None)
         if microseconds > 0 and number in self._makers:
@@ -115,12 +115,12 @@ class Telemetry:
             self._periods[number] = self._defaults[number]
 
     def interval(self, number: int) -> int:
-        """us, -1 for a message that is not sent by itself."""
+        """Interval of a message, us; -1 for a message that is not sent periodically."""
         period = self._periods.get(number)
         return -1 if period is None else min(round(period * 1e6), 2**31 - 1)
 
     def set_stream(self, stream: int, rate: float) -> None:
-        """Send the messages of a REQUEST_DATA_STREAM at a rate in Hz; 0: never."""
+        """Set the rate of the messages of a REQUEST_DATA_STREAM, Hz; 0 for never."""
         numbers = _STREAMS.get(stream, ())
         if stream == mavlink.MAV_DATA_STREAM_ALL:
             numbers = tuple(number for members in _STREAMS.values() for number in members)
@@ -128,12 +128,12 @@ class Telemetry:
             self.set_interval(number, 1e6 / rate if rate > 0 else -1)
 
     def due(self) -> list[Message]:
-        """The messages that are to be sent now."""
+        """Messages that are due now."""
         vehicle, now = self._vehicle, self._vehicle.time + 1e-6
         messages = []
         state = (vehicle.mode, vehicle.armed, vehicle.failsafe)
-        if now >= self._beat_due or state != self._announced:
-            self._announced, self._beat_due = state, vehicle.time + HEARTBEAT_PERIOD
+        if now >= self._heartbeat_due or state != self._announced:
+            self._announced, self._heartbeat_due = state, vehicle.time + HEARTBEAT_PERIOD
             messages.append(self.heartbeat())
         for number, period in self._periods.items():
             due = self._due.get(number, 0.0)
@@ -179,10 +179,10 @@ class Telemetry:
             healthy &= ~mavlink.MAV_SYS_STATUS_GEOFENCE
         healthy &= ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         if not vehicle.prearm_denials():
-            # PX4 sets this bit here alone.
+            # PX4 sets this bit in the healthy field only.
             healthy |= mavlink.MAV_SYS_STATUS_PREARM_CHECK
         if vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4:
-            # Nobody has a remote control, which PX4 calls enabled, for it misses it.
+            # There is no remote control, and PX4 reports the missing receiver as enabled.
             enabled |= mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
         return mavlink.MAVLink_sys_status_message(
             present, enabled, healthy, 300, round(battery.voltage * 1000), round(battery.current * 100),
@@ -226,7 +226,7 @@ class Telemetry:
         return mavlink.MAVLink_attitude_quaternion_message(self._milliseconds(), *turn, *self._rates())
 
     def _local(self, place: tuple[float, float, float]) -> tuple[float, float, float]:
-        """NED, m, from the vehicle's own origin."""
+        """Position in NED from the vehicle's own origin, m."""
         x, y, z = self._vehicle.local_origin
         return ned_of_world((place[0] - x, place[1] - y, place[2] - z))
 
@@ -249,7 +249,7 @@ class Telemetry:
         )  # fmt: skip
 
     def _heading(self) -> int:
-        """Degrees, from 0 to 359."""
+        """Heading, degrees, from 0 to 359."""
         _, _, yaw = euler_of_quaternion(*self._vehicle.body.quaternion)
         return round(math.degrees(yaw)) % 360
 
@@ -313,8 +313,8 @@ class Telemetry:
     def _estimator_status(self) -> Message:
         estimator = self._vehicle.estimator
         ratio = min(estimator.variance, 10.0)
-        accuracy = 8 * ratio  # 0.4 m in good health
-        # PX4 calls the position of a vehicle that stands still constant.
+        accuracy = 8 * ratio  # 0.4 m with GPS
+        # PX4 sets the constant-position flag of a vehicle at rest.
         still = mavlink.ESTIMATOR_CONST_POS_MODE if self._vehicle.phase == Phase.GROUND else 0
         return mavlink.MAVLink_estimator_status_message(
             self._microseconds(), estimator.flags | still, ratio, ratio, 0.05, 0.05, 0.0, 0.0, accuracy, 0.5
@@ -322,6 +322,6 @@ class Telemetry:
 
 
 def _bounded(value: float, bits: int) -> int:
-    """The whole number nearest to the value that a signed field can hold."""
+    """Round a value and limit it to the range of a signed field."""
     limit = 2 ** (bits - 1)
     return int(min(max(round(value), -limit), limit - 1))

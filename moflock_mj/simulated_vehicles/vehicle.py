@@ -1,7 +1,7 @@
 """One simulated vehicle: modes, arming, take-off, flight, return, landing and failsafes; without sockets or clocks.
 
-Time and the body's state go in by `update`, messages by `conversation.Conversation`; setpoints come out of
-`update`, messages gather in `outbox`. What differs between the autopilots is in `ardupilot.py` and `px4.py`.
+`update` takes time and state, and returns setpoints; `message_handler.MessageHandler` passes messages in, and `outbox`
+collects the messages to send. The differences between the autopilots are in `ardupilot.py` and `px4.py`.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from moflock_mj.simulated_vehicles.vehicle_health import Battery, Estimator
 
 _TILT_LOST = math.cos(math.radians(60))
 _TILT_PATIENCE = 0.3
-"""s of such a tilt, after which a vehicle counts as lost; both as PX4 has them (FD_FAIL_R, FD_FAIL_R_TTRI)."""
+"""Time with such a tilt after which a vehicle counts as lost, s; both are PX4's FD_FAIL_R and FD_FAIL_R_TTRI."""
 _LANDED_AFTER = 1.0
-"""s at rest near the ground in a descent, after which a vehicle counts as landed."""
+"""Time at rest near the ground in a descent after which a vehicle counts as landed, s."""
 
 
 _TEXT_CHUNK = 50
-"""Bytes of a STATUSTEXT."""
+"""Length of the text of a STATUSTEXT, bytes."""
 
 
 class Phase(enum.IntEnum):
-    """Where a vehicle is; the numbers are MAVLink's landed states."""
+    """Flight phase of a vehicle; the numbers are MAVLink's landed states."""
 
     GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
     AIR = mavlink.MAV_LANDED_STATE_IN_AIR
@@ -42,7 +42,7 @@ class Phase(enum.IntEnum):
 
 
 class VehicleTask(enum.Enum):
-    """What a mode makes a vehicle in the air do."""
+    """Task of a mode in the air."""
 
     HOLD = enum.auto()
     OFFBOARD = enum.auto()
@@ -52,7 +52,7 @@ class VehicleTask(enum.Enum):
 
 
 class ReturnPlan(NamedTuple):
-    """How a vehicle comes home: heights in m above home, speeds in m/s, `wait` in s over home."""
+    """Return to home: altitude in m above home, speed in m/s, and time to wait over home in s."""
 
     altitude: float
     speed: float
@@ -60,7 +60,7 @@ class ReturnPlan(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """How a vehicle lands: `fast` (m/s) down to `slow_below` (m above home), then `slow`."""
+    """Descent of a landing: `fast` (m/s) down to `slow_below` (m above home), then `slow` (m/s)."""
 
     fast: float
     slow: float
@@ -69,12 +69,12 @@ class Descent(NamedTuple):
 
 @dataclasses.dataclass(kw_only=True)
 class SetpointRequest:
-    """What a setpoint message asked for: a velocity, or a place and a height, in our world.
+    """Content of a setpoint message: a velocity or a position.
 
     Attributes:
-        velocity: m/s, or None.
-        position: m, or None.
-        time: s, when it came.
+        velocity: velocity, m/s, world, or None.
+        position: position, m, world, or None.
+        time: time of arrival, s.
     """
 
     velocity: Triple | None
@@ -83,7 +83,7 @@ class SetpointRequest:
 
 
 class Outgoing(NamedTuple):
-    """A message, and the peer that it is for; None: for all."""
+    """A message and its target peer; None for all peers."""
 
     message: Message
     peer: object | None
@@ -94,18 +94,18 @@ class Vehicle(abc.ABC):
 
     Args:
         system: MAVLink system id.
-        origin: the world's place on the globe.
-        body: its state on the ground.
-        boot: s, until its position can be used.
+        origin: geographic position of the world frame's origin.
+        body: state on the ground.
+        boot: time until the position is usable, s.
     """
 
     autopilot: ClassVar[int]
     capabilities: ClassVar[int]
     tasks: ClassVar[dict[int, VehicleTask]]
-    """By mode number, as HEARTBEAT's custom_mode has it; a mode that is absent holds."""
+    """Tasks by HEARTBEAT's custom_mode; a mode that is absent holds."""
     mode_names: ClassVar[dict[int, str]]
     pilot_mode: ClassVar[int]
-    """In which somebody with a remote control takes over."""
+    """Mode in which a pilot with a remote control takes over."""
 
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         self.system = system
@@ -114,10 +114,10 @@ class Vehicle(abc.ABC):
         self.body = body
         self.armed = False
         self.failsafe = False
-        """Whether a failsafe, and not its operator, chose the mode."""
+        """Whether a failsafe, and not the operator, selected the mode."""
         self.phase = Phase.GROUND
         self.home: Triple | None = None
-        """m, world; set with the first position and at arming."""
+        """Home, m, world; set with the first position and at arming."""
         self.outbox: list[Outgoing] = []
         self.parameters = self.make_parameters()
         self.mode = self.first_mode()
@@ -127,11 +127,11 @@ class Vehicle(abc.ABC):
         self.fence = FenceStore(self.send, self._take_fence)
         self.breached = False
         self.setpoint: SetpointRequest | None = None
-        self.ground_heard: float | None = None
-        """s, when the latest heartbeat of the ground station came."""
+        self.ground_heartbeat: float | None = None
+        """Time of the latest heartbeat of the ground station, s; None before the first."""
         self.ground_lost = False
         self.local_origin = body.position
-        """m, world, from which the vehicle counts LOCAL_POSITION_NED: where it was switched on."""
+        """Origin of LOCAL_POSITION_NED, m, world: the position at power-on."""
         self._texts = 0
         self._ground = body.position[2]
         self._guide = Guide(body.position[2])
@@ -141,7 +141,7 @@ class Vehicle(abc.ABC):
         self._resting_since: float | None = None
         self._idle_since = 0.0
 
-    # What the autopilots differ in.
+    # Differences between the autopilots.
 
     @abc.abstractmethod
     def make_parameters(self) -> ParameterTable: ...
@@ -151,7 +151,7 @@ class Vehicle(abc.ABC):
 
     @abc.abstractmethod
     def cells(self) -> int:
-        """Cells of the battery in series."""
+        """Number of battery cells in series."""
 
     @abc.abstractmethod
     def base_mode(self) -> int:
@@ -159,23 +159,23 @@ class Vehicle(abc.ABC):
 
     @abc.abstractmethod
     def mode_of(self, message: Message) -> int | None:
-        """The mode number that a MAV_CMD_DO_SET_MODE asks for, or None."""
+        """Mode number that a MAV_CMD_DO_SET_MODE requests, or None."""
 
     @abc.abstractmethod
     def request_mode(self, mode: int) -> int:
-        """Change the mode as an operator asks; returns a MAV_RESULT."""
+        """Change the mode at the operator's request; returns a MAV_RESULT."""
 
     @abc.abstractmethod
     def arming_denials(self) -> list[str]:
-        """Why the vehicle cannot be armed now, as its status texts have it."""
+        """Reasons why the vehicle cannot be armed now, as status texts."""
 
     @abc.abstractmethod
     def refuse_arming(self, arming_denials: list[str]) -> int:
-        """Tell why; returns a MAV_RESULT."""
+        """Send the reasons as status texts; returns a MAV_RESULT."""
 
     @abc.abstractmethod
     def command_takeoff(self, altitude: float) -> int:
-        """Take off to a height in m above home, NaN for the autopilot's own; returns a MAV_RESULT."""
+        """Take off to a height in m above home, or NaN for the autopilot's default; returns a MAV_RESULT."""
 
     @abc.abstractmethod
     def command_land(self) -> int:
@@ -187,11 +187,11 @@ class Vehicle(abc.ABC):
 
     @abc.abstractmethod
     def obey(self, setpoint: SetpointRequest) -> None:
-        """Take a setpoint."""
+        """Process a setpoint."""
 
     @abc.abstractmethod
     def watch(self) -> None:
-        """Look for what a failsafe answers, once in each update."""
+        """Check the conditions of all failsafes, once in each update."""
 
     @abc.abstractmethod
     def descent(self) -> Descent: ...
@@ -201,22 +201,22 @@ class Vehicle(abc.ABC):
 
     @abc.abstractmethod
     def disarm_delays(self) -> tuple[float, float]:
-        """s, after which an armed vehicle that does not take off disarms, and one that has landed."""
+        """Times after which an armed vehicle disarms without a take-off, and after a landing, s."""
 
     @abc.abstractmethod
     def is_ground_station(self, system: int, kind: int) -> bool:
-        """Whether the heartbeat of this system and MAV_TYPE is that of the ground station which must not be lost."""
+        """Whether a heartbeat of this system and MAV_TYPE is from the ground station that the failsafe watches."""
 
     @property
     @abc.abstractmethod
     def fence_enabled(self) -> bool:
-        """Whether a fence is watched."""
+        """Whether a fence is active."""
 
     @abc.abstractmethod
     def prearm_denials(self) -> list[str]:
-        """Why SYS_STATUS's bit MAV_SYS_STATUS_PREARM_CHECK is not healthy now; arming may look at more."""
+        """Reasons why MAV_SYS_STATUS_PREARM_CHECK is not healthy now; arming can check more."""
 
-    # What an operator does.
+    # Commands of an operator.
 
     def arm(self, *, force: bool) -> int:
         """Arm; returns a MAV_RESULT."""
@@ -235,7 +235,7 @@ class Vehicle(abc.ABC):
 
     @abc.abstractmethod
     def armed_in_mode(self) -> None:
-        """Do what the present mode does at arming."""
+        """Perform the action of the present mode at arming."""
 
     def disarm(self, *, force: bool) -> int:
         """Disarm; in the air only by force. Returns a MAV_RESULT."""
@@ -245,14 +245,14 @@ class Vehicle(abc.ABC):
             self._disarm()
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
-    def hear_ground(self) -> None:
-        """Take note of a heartbeat of the ground station."""
-        self.ground_heard = self.time
+    def note_ground_heartbeat(self) -> None:
+        """Record a heartbeat of the ground station."""
+        self.ground_heartbeat = self.time
 
-    # What happens.
+    # Simulation.
 
     def update(self, time: float, body: Body, *, gps_lost: bool = False) -> Setpoint:
-        """Go on to `time`, s since it was switched on, with the body's state then; returns what it is to do."""
+        """Advance to `time`, s since power-on, with the body's state at that time; returns the setpoint."""
         seconds, self.time, self.body = time - self.time, time, body
         self.estimator.update(time, gps_lost)
         self.battery.drain(seconds, self.phase != Phase.GROUND)
@@ -260,7 +260,7 @@ class Vehicle(abc.ABC):
             self.home = body.position
         self.fence.update(time)
         self.watch()
-        self._notice_crash()
+        self._detect_crash()
         if self.phase == Phase.GROUND:
             self._disarm_when_idle()
             return self.standing()
@@ -269,19 +269,19 @@ class Vehicle(abc.ABC):
         return self.standing() if self._powerless() else setpoint
 
     def _powerless(self) -> bool:
-        """Whether the rotors stand still: on the ground, or with an empty battery."""
+        """Whether the rotors are stopped: on the ground, or with an empty battery."""
         return self.phase == Phase.GROUND or self.battery.remaining <= 0
 
     def standing(self) -> Setpoint:
-        """Rotors still."""
+        """Setpoint with stopped rotors."""
         return Setpoint(0.0, 0.0, self.body.position[2], True)
 
     def height(self) -> float:
-        """Height above home, or above where it was switched on, m."""
+        """Height above home, or above the place of power-on, m."""
         return self.body.position[2] - (self.home[2] if self.home else self._ground)
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_CRITICAL) -> None:
-        """Send a status text to all, in chunks if it is long; a chunk that is not full is the last."""
+        """Send a status text to all peers, in chunks if it is long; a partial chunk is the last."""
         whole = text.encode()
         self._texts = self._texts % 65535 + 1
         number = self._texts if len(whole) >= _TEXT_CHUNK else 0
@@ -293,7 +293,7 @@ class Vehicle(abc.ABC):
         self.outbox.append(Outgoing(message, peer))
 
     def set_mode(self, mode: int, *, failsafe: bool = False) -> None:
-        """Change the mode, and in the air what is done."""
+        """Change the mode, and in the air begin its task."""
         self.mode, self.failsafe = mode, failsafe
         self._leg_since = None
         if self.phase != Phase.GROUND:
@@ -304,7 +304,7 @@ class Vehicle(abc.ABC):
         return self.tasks.get(self.mode, VehicleTask.HOLD)
 
     def begin_task(self) -> None:
-        """Begin, in the air, what the mode does."""
+        """Begin the task of the mode in the air."""
         self.phase = Phase.AIR
         if self.task is VehicleTask.LAND:
             self.phase = Phase.LANDING
@@ -317,13 +317,13 @@ class Vehicle(abc.ABC):
             self._guide.hold()
 
     def take_off(self, altitude: float, climb: float) -> None:
-        """Leave the ground for a height in m above home."""
+        """Take off to a height in m above home."""
         self.phase = Phase.TAKEOFF
         self._takeoff_altitude = (self.home[2] if self.home else self._ground) + altitude
         self._guide.rise(self.body, self._takeoff_altitude, climb)
 
-    def fly_wish(self, setpoint: SetpointRequest, speed_max: float) -> None:
-        """Fly a setpoint; a take-off that goes on is over."""
+    def follow_setpoint(self, setpoint: SetpointRequest, speed_max: float) -> None:
+        """Follow a setpoint; this ends a take-off in progress."""
         if self.phase == Phase.GROUND:
             self.take_off(self.height(), 1.0)
         self.phase = Phase.AIR
@@ -334,16 +334,16 @@ class Vehicle(abc.ABC):
             self._guide.go((x, y), z, speed=speed_max, climb=2.5, descent=1.5)
 
     def hold(self) -> None:
-        """Stop and stay, in the present mode."""
+        """Stop and hold the position in the present mode."""
         self._guide.hold()
 
     def is_outside_fence(self, radius: float, altitude: float, shapes: bool) -> bool:
-        """Whether the vehicle is where a fence forbids it.
+        """Whether the vehicle violates a fence.
 
         Args:
-            radius: m, from home; 0: no bound.
-            altitude: m, above home; 0: no bound.
-            shapes: whether its polygons and circles count.
+            radius: maximum distance from home, m; 0 for no limit.
+            altitude: maximum altitude above home, m; 0 for no limit.
+            shapes: whether polygons and circles apply.
         """
         x, y, _ = self.body.position
         if radius > 0 and self.home and math.hypot(x - self.home[0], y - self.home[1]) > radius:
@@ -354,13 +354,13 @@ class Vehicle(abc.ABC):
 
     @abc.abstractmethod
     def took_off(self) -> None:
-        """The take-off has reached its height."""
+        """Perform the action at the end of a take-off."""
 
     def _take_fence(self, items: Sequence[Message]) -> None:
         self.shapes = read_fence(items, self.origin)
 
     def _progress(self) -> None:
-        """See whether a take-off, a return or a landing has come to its next part."""
+        """Advance a take-off, a return or a landing to its next phase."""
         if self.phase == Phase.TAKEOFF and self.body.position[2] > self._takeoff_altitude - 0.3:
             self.phase = Phase.AIR
             self.took_off()
@@ -370,7 +370,7 @@ class Vehicle(abc.ABC):
             self._land()
 
     def _return(self) -> None:
-        """Climb, then go home, then wait there, then land."""
+        """Climb, fly home, wait there, then land."""
         if self.home is None:
             self.phase = Phase.LANDING
             return
@@ -389,7 +389,7 @@ class Vehicle(abc.ABC):
             self.phase = Phase.LANDING
 
     def _land(self) -> None:
-        """Descend, and notice the ground."""
+        """Descend, and detect the ground."""
         descent, above = self.descent(), self.height()
         self._guide.sink(self._ground - 0.7, descent.slow if above < descent.slow_below else descent.fast)
         resting = above < 0.3 and abs(self.body.velocity[2]) < 0.15
@@ -413,14 +413,14 @@ class Vehicle(abc.ABC):
         self.after_disarming()
 
     def after_disarming(self) -> None:  # noqa: B027
-        """Do what the autopilot does then; ArduPilot stays in its mode."""
+        """Perform the autopilot's action after disarming; ArduPilot stays in its mode."""
 
     def _disarm_when_idle(self) -> None:
         delay, _ = self.disarm_delays()
         if self.armed and delay > 0 and self.time - self._idle_since >= delay:
             self._disarm()
 
-    def _notice_crash(self) -> None:
+    def _detect_crash(self) -> None:
         """Stop the rotors of a vehicle that has lost control."""
         if not self.armed or self.body.upright > _TILT_LOST:
             self._tilted_since = None

@@ -1,4 +1,4 @@
-"""Faults of simulated vehicles, in the same words as those of a flight."""
+"""Faults of simulated vehicles, with the same names as the faults of a flight."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from moflock_mj.fields import quantity
 from moflock_mj.scenario.faults import FaultKind, FaultTable
 
 ALL = "all"
-"""In place of a vehicle's number in a text: all of them."""
+"""Text for all vehicles in place of a vehicle's number."""
 
 VEHICLE_KINDS = {
     "gps_loss": FaultKind(text="no GPS"),
@@ -27,7 +27,7 @@ VEHICLE_KINDS = {
     "duplicate_id": FaultKind(text="another system id", figures=("system",)),
     "pilot": FaultKind(text="a pilot takes over by remote control"),
 }
-"""Kinds of simulated vehicles, by name."""
+"""Kinds of faults of simulated vehicles, by name."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,16 +51,16 @@ class VehicleFault(FaultTable):
 
     @classmethod
     def from_text(cls, text: str) -> VehicleFault:
-        """A fault of a text such as vehicle=3,at=20,kind=gps_loss,duration=10.
+        """Parse a fault from a text such as vehicle=3,at=20,kind=gps_loss,duration=10.
 
         Raises:
-            FleetError: it is no such text.
+            FleetError: the text has another form, or a value is invalid.
         """
         given: dict[str, Any] = {}
         for part in text.split(","):
             key, equals, value = (piece.strip() for piece in part.partition("="))
             if not equals or key in given:
-                raise FleetError(f"fault {text!r}: {part.strip()!r} must be key=value, each key once")
+                raise FleetError(f"fault {text!r}: {part.strip()!r}: it must be key=value, with each key once")
             given[key] = value if key == "kind" else _parsed(value)
         if given.get("vehicle") == ALL:
             given["vehicle"] = None
@@ -70,15 +70,15 @@ class VehicleFault(FaultTable):
             raise FleetError(f"fault {text!r}: {str(problem).removeprefix('faults.')}") from None
 
     def acts(self, time: float) -> bool:
-        """Whether it acts at a time, s."""
+        """Whether the fault is active at a time, s."""
         return self.at <= time < self.at + (math.inf if self.duration is None else self.duration)
 
 
 def load_faults(path: Path) -> tuple[VehicleFault, ...]:
-    """Faults of a TOML file: a table [[faults]] each.
+    """Load faults from a TOML file with one table [[faults]] each.
 
     Raises:
-        FleetError: the file cannot be read, or holds something else.
+        FleetError: the file cannot be read, or has other content.
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -88,7 +88,7 @@ def load_faults(path: Path) -> tuple[VehicleFault, ...]:
         raise FleetError(f"faults {path}: not TOML: {problem}") from None
     faults = tables.pop("faults", [])
     if tables:
-        raise FleetError(f"faults {path}: {next(iter(tables))}: it must hold nothing but tables [[faults]]")
+        raise FleetError(f"faults {path}: {next(iter(tables))}: it must contain only tables [[faults]]")
     try:
         return VehicleFault.read_all(faults)
     except ScenarioError as problem:
@@ -96,10 +96,10 @@ def load_faults(path: Path) -> tuple[VehicleFault, ...]:
 
 
 def check_faults(faults: Sequence[VehicleFault], vehicles: int) -> None:
-    """Refuse faults of vehicles that there are not.
+    """Refuse faults of vehicles that do not exist.
 
     Raises:
-        FleetError: a number that is too large.
+        FleetError: a vehicle's number is too large.
     """
     for fault in faults:
         if fault.vehicle is not None and fault.vehicle >= vehicles:
@@ -109,12 +109,12 @@ def check_faults(faults: Sequence[VehicleFault], vehicles: int) -> None:
 
 
 class Schedule:
-    """Faults of one vehicle as time goes on; of several of a kind at once, the last named counts.
+    """Schedule of the faults of one vehicle; among simultaneous faults of one kind, the last one in the list applies.
 
     Args:
-        faults: of this vehicle.
-        begin: called with each fault that begins.
-        end: called with each fault that ends.
+        faults: faults of the vehicle.
+        begin: callback for each fault that begins.
+        end: callback for each fault that ends.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Schedule:
         self._acting: list[VehicleFault] = []
 
     def update(self, time: float) -> None:
-        """Go on to `time`, s."""
+        """Advance to `time`, s."""
         if not self._faults:
             return
         acting = [fault for fault in self._faults if fault.acts(time)]
@@ -139,7 +139,7 @@ class Schedule:
             self._begin(fault)
 
     def acting(self, kind: str) -> VehicleFault | None:
-        """The fault of a kind that acts now, or None."""
+        """The active fault of a kind, or None."""
         return next((fault for fault in reversed(self._acting) if fault.kind == kind), None)
 
 

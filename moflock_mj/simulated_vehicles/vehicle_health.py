@@ -1,4 +1,4 @@
-"""What a simulated vehicle knows of itself: its estimator, its GPS receiver and its battery."""
+"""Estimator, GPS receiver and battery of a simulated vehicle."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _STARTING = 0x400
 """EKF_UNINITIALIZED."""
 
 DEAD_RECKONING = 5.0
-"""s for which an estimator keeps its position without GPS (PX4's EKF2_NOAID_TOUT is 5 s)."""
+"""Time for which an estimator keeps its position without GPS, s (PX4's EKF2_NOAID_TOUT is 5 s)."""
 
 
 class Estimator:
-    """Position estimate of a vehicle that was switched on at time 0.
+    """Position estimator of a vehicle that was switched on at time 0.
 
     Args:
-        boot: s, from then on the position can be used. Attitude comes up after a quarter of it, and with it the
-            pre-arm check of ArduCopter, which was measured healthy 18 s before its position was.
+        boot: time from which the position is usable, s. The attitude, and with it the pre-arm check of ArduCopter, is
+            ready after a quarter of it: it was measured healthy 18 s before the position.
     """
 
     def __init__(self, boot: float) -> None:
@@ -53,19 +53,19 @@ class Estimator:
 
     @property
     def variance(self) -> float:
-        """Of position and velocity, as a test ratio: 1 is the innovation's limit. It grows without GPS."""
+        """Test ratio of position and velocity, where 1 is the innovation's limit; it grows without GPS."""
         return 0.05 + 0.25 * (self._time - self._last_fix) if self.attitude_ready else 1.0
 
 
 @dataclasses.dataclass(kw_only=True)
 class Battery:
-    """A lithium-polymer battery by counting charge; its voltage falls along a line.
+    """Lithium-polymer battery that counts charge; its voltage falls linearly.
 
     Attributes:
-        cells: in series.
-        capacity: mAh.
-        used: mAh.
-        current: A, now.
+        cells: number of cells in series.
+        capacity: capacity, mAh.
+        used: consumed charge, mAh.
+        current: present current, A.
     """
 
     cells: int
@@ -74,9 +74,9 @@ class Battery:
     current: float = 0.0
 
     IDLE = 0.7
-    """A, of the electronics."""
+    """Current of the electronics, A."""
     FLYING = 18.0
-    """A, in hover; 6000 mAh then last 20 minutes."""
+    """Current in hover, A; 6000 mAh then last 20 minutes."""
 
     def drain(self, seconds: float, flying: bool) -> None:
         self.current = self.FLYING if flying else self.IDLE
@@ -87,10 +87,10 @@ class Battery:
 
     @property
     def remaining(self) -> float:
-        """Share of the charge."""
+        """Remaining share of charge."""
         return 1 - self.used / self.capacity
 
     @property
     def voltage(self) -> float:
-        """V: 4.2 in a full cell, 3.3 in an empty one."""
+        """Voltage, V: 4.2 V for a full cell, 3.3 V for an empty one."""
         return self.cells * (3.3 + 0.9 * self.remaining)

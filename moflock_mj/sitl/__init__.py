@@ -1,1 +1,1 @@
-"""Real autopilot programs on our rigid bodies: their motors move them, our sensors tell them."""
+"""Software in the loop: real autopilot programs fly simulated rigid bodies and receive simulated sensor data."""

@@ -1,9 +1,9 @@
-"""ArduPilot's JSON interface: motor pulses come as UDP datagrams, sensors go back as a line of JSON.
+"""ArduPilot's JSON interface: motor pulses arrive as UDP datagrams, sensor readings are sent as a line of JSON.
 
-ArduPilot (started with `--model JSON:127.0.0.1`) sends to port 9002 + 10 I of its instance I, waits for the answer,
-and moves its own clock by it: little-endian u16 magic, u16 rate (Hz), u32 frame count, and 16 pulses of u16 us (magic
-18458) or 32 of them (magic 29569). It says the same again each second without an answer, and counts a frame for each
-answer (ArduPilot, libraries/SITL/examples/JSON/readme.md).
+ArduPilot (started with `--model JSON:127.0.0.1`) sends to port 9002 + 10 I for its instance I, waits for the answer,
+and advances its clock by it. A datagram has a little-endian u16 magic, u16 rate (Hz), u32 frame count, and 16 pulses of
+u16 us (magic 18458) or 32 of them (magic 29569). Without an answer it is repeated each second; each answer advances the
+frame count (ArduPilot, libraries/SITL/examples/JSON/readme.md).
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from moflock_mj.sitl.motors import outputs_of_pwm
 
 BASE_PORT = 9002
 PORT_STEP = 10
-"""Between the ports of two instances."""
+"""Difference between the ports of two instances."""
 
 RATE = 1200
-"""Hz: ArduPilot refuses to arm where its gyroscopes give less than some 720."""
+"""Rate of exchanges, Hz: ArduPilot does not arm if its gyroscopes have a rate below about 720 Hz."""
 
 PWM_MAX = 2200
-"""us: the longest pulse that ArduPilot's outputs can be set to; a longer one is none."""
+"""Maximum pulse width of ArduPilot's outputs, us; a longer one is invalid."""
 
 _LAYOUTS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
 _MAGIC = struct.Struct("<H")
 _LARGEST = 256
-"""Bytes that are read of a datagram; every right one is shorter."""
+"""Number of bytes to read of a datagram; every valid one is shorter."""
 _REPEAT = 0.5
-"""s after an answer, from which the same frame means that the answer was lost; before, that the two crossed."""
+"""Time after an answer from which a repeated frame means that the answer was lost, s; before, the two crossed."""
 _LINE = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[%.6f,%.6f,%.6f],'
     '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g]}\n'
 )
-"""A line break on both sides: ArduPilot reads what stands between two."""
+"""Line of an answer; ArduPilot reads the text between two line breaks."""
 
 
 class Pulses(NamedTuple):
-    """One datagram of ArduPilot's.
+    """One datagram of ArduPilot.
 
     Attributes:
-        rate: Hz, at which it wants to be answered.
-        frame: counts the answers that it has taken.
-        pwm: us, of motors 1 to 4.
+        rate: requested rate of answers, Hz.
+        frame: number of accepted answers.
+        pwm: pulse widths of motors 1 to 4, us.
     """
 
     rate: int
@@ -58,7 +58,7 @@ class Pulses(NamedTuple):
 
 
 def parse_pulses(packet: bytes) -> Pulses | None:
-    """The pulses of a datagram; None if it is no such one."""
+    """Parse a datagram; None if it is invalid."""
     if len(packet) < _MAGIC.size:
         return None
     layout = _LAYOUTS.get(_MAGIC.unpack_from(packet)[0])
@@ -71,12 +71,12 @@ def parse_pulses(packet: bytes) -> Pulses | None:
 
 
 def sensor_line(since: float, reading: Reading, drone: int) -> bytes:
-    """The line that answers a datagram.
+    """Line of the answer to a datagram.
 
     Args:
-        since: s, when the autopilot's clock began.
-        reading: of all drones.
-        drone: number.
+        since: simulated time at which the autopilot's clock started, s.
+        reading: sensor readings of all drones.
+        drone: number of the drone.
     """
     motion = reading.motion
     return (
@@ -93,7 +93,7 @@ def sensor_line(since: float, reading: Reading, drone: int) -> bytes:
 
 
 class ArduPilotLink(AutopilotInterface):
-    """The physics' side of one ArduPilot."""
+    """Link of the physics to one ArduPilot."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -126,14 +126,14 @@ class ArduPilotLink(AutopilotInterface):
             except BlockingIOError:
                 return
             except ConnectionError:
-                continue  # an answer reached nobody: the autopilot has ended
+                continue  # an answer was not received: the autopilot has ended
             self._take(packet, address)
 
-    def tell(self, reading: Reading) -> None:
+    def send_reading(self, reading: Reading) -> None:
         if self._peer is None:
             return
         if self._since is None:
-            # A clock that began long ago would be a jump for an autopilot that has just started.
+            # The clock of an autopilot that has just started must not begin with a jump.
             self._since = reading.time
         self._answer = sensor_line(self._since, reading, self.number)
         self._answered = time.monotonic()
@@ -165,7 +165,7 @@ class ArduPilotLink(AutopilotInterface):
         self.counts.received += 1
 
     def _is_free(self) -> bool:
-        """Whether another program may be this autopilot: there was none, or it does not answer."""
+        """Whether another program may take this link: there was none before, or it does not answer."""
         return self._peer is None or time.monotonic() - self._answered > _REPEAT
 
     def _send(self) -> None:
@@ -173,4 +173,4 @@ class ArduPilotLink(AutopilotInterface):
             try:
                 self._opened.sendto(self._answer, self._peer)
             except OSError:
-                self.outputs = STILL  # it has ended; the lock-step will miss it
+                self.outputs = STILL  # it has ended, and the lock-step will time out

@@ -1,4 +1,4 @@
-"""What the lock-step knows of one autopilot: whether it has given its outputs, and how to tell it its sensors."""
+"""Interface of the lock-step to one autopilot: motor outputs in, sensor readings out."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from moflock_mj.mavlink.frames import Origin
 from moflock_mj.sitl.sensors import Motion, Surroundings
 
 HOST = "127.0.0.1"
-"""Where the physics listens: autopilots run on this machine."""
+"""Address on which the physics listens; autopilots run on this machine."""
 
 STILL = (0.0,) * ROTORS
-"""Outputs of motors that stand."""
+"""Outputs of stopped motors."""
 
 
 class Reading(NamedTuple):
-    """What the sensors of all drones tell after a step.
+    """Sensor readings of all drones after a step.
 
     Attributes:
-        time: s, simulated.
-        motion: of inertial sensors and GPS.
-        surroundings: of magnetometers and barometers; read for those who ask.
-        origin: of the world on the globe.
+        time: simulated time, s.
+        motion: readings of inertial sensors and GPS.
+        surroundings: function that reads magnetometers and barometers.
+        origin: geographic position of the world frame's origin.
     """
 
     time: float
@@ -38,12 +38,12 @@ class Reading(NamedTuple):
 
 @dataclasses.dataclass(kw_only=True)
 class Counts:
-    """What a link has seen.
+    """Counts of a link.
 
     Attributes:
-        received: outputs that were taken.
-        dropped: packets that are none of the protocol's, are out of bounds, or come from elsewhere.
-        restarts: times that an autopilot began anew.
+        received: accepted outputs.
+        dropped: packets that do not belong to the protocol, are out of bounds, or come from another sender.
+        restarts: restarts of the autopilot.
     """
 
     received: int = 0
@@ -52,16 +52,16 @@ class Counts:
 
 
 class AutopilotInterface(abc.ABC):
-    """One autopilot's side of the lock-step.
+    """Link of the lock-step to one autopilot.
 
     Args:
-        number: of its drone, from 0.
+        number: number of the drone, from 0.
 
     Attributes:
-        outputs: of motors 1 to 4, from 0 to 1, for the next step.
-        ready: whether it has given them.
-        present: whether the world waits for it; the lock-step says no for one that is silent.
-        counts: what it has seen.
+        outputs: outputs of motors 1 to 4 for the next step, from 0 to 1.
+        ready: whether the outputs have arrived.
+        present: whether the simulation waits for this autopilot; the lock-step clears it for a silent one.
+        counts: counts of the link.
     """
 
     def __init__(self, number: int) -> None:
@@ -73,7 +73,7 @@ class AutopilotInterface(abc.ABC):
 
     @abc.abstractmethod
     def open(self, port: int) -> None:
-        """Listen on a port of HOST; 0: any that is free.
+        """Listen on a port of HOST; 0 for any free port.
 
         Raises:
             LinkError: the port is in use.
@@ -82,7 +82,7 @@ class AutopilotInterface(abc.ABC):
     @property
     @abc.abstractmethod
     def port(self) -> int:
-        """Where it listens."""
+        """Port on which it listens."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -90,20 +90,20 @@ class AutopilotInterface(abc.ABC):
 
     @abc.abstractmethod
     def receive(self, timeout: float) -> None:
-        """Take what has arrived, or what arrives first within `timeout`, s; sets `ready` and `outputs`."""
+        """Process what has arrived, or arrives first within `timeout`, s; sets `ready` and `outputs`."""
 
     @abc.abstractmethod
-    def tell(self, reading: Reading) -> None:
-        """Send the sensors after a step, and wait for the next outputs from then on."""
+    def send_reading(self, reading: Reading) -> None:
+        """Send the sensor readings of a step, and expect the next outputs."""
 
 
 def listening(kind: socket.SocketKind, name: str, port: int) -> socket.socket:
-    """A socket that is bound to a port of HOST.
+    """Open a socket that is bound to a port of HOST.
 
     Args:
         kind: SOCK_DGRAM or SOCK_STREAM.
-        name: of the protocol, for the error.
-        port: 0: any that is free.
+        name: name of the protocol, for the error.
+        port: port; 0 for any free port.
 
     Raises:
         LinkError: the port is in use.
@@ -111,7 +111,7 @@ def listening(kind: socket.SocketKind, name: str, port: int) -> socket.socket:
     opened = socket.socket(socket.AF_INET, kind)
     try:
         if kind == socket.SOCK_STREAM:
-            # A server that has just ended must not block the next one for a minute.
+            # Without SO_REUSEADDR, a server that has just ended blocks the port for a minute.
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((HOST, port))
     except (OSError, OverflowError) as problem:

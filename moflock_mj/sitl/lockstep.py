@@ -1,6 +1,7 @@
-"""N autopilots and one MuJoCo world in lock-step: it moves when all have given their outputs for the step.
+"""Lock-step of N autopilots and one MuJoCo simulation, which steps when every autopilot has sent its outputs.
 
-Who is silent for `PATIENCE` is left behind: its rotors stop, and the others go on. When it speaks again, it flies on.
+An autopilot that is silent for `PATIENCE` is dropped: its rotors stop, and the others continue. It continues when it
+sends again.
 """
 
 from __future__ import annotations
@@ -27,28 +28,28 @@ from moflock_mj.sitl.motors import CURVE, Motors
 from moflock_mj.sitl.sensors import SimulatedSensors
 
 PATIENCE = 5.0
-"""s of wall time that the world waits for one autopilot."""
+"""Wall time for which the simulation waits for one autopilot, s."""
 
 VEHICLES_MAX = 250
 _SPEED_MAX = 100.0
 _LATE_MAX = 0.5
-"""s by which the loop may be behind the clock before it gives up making good for it."""
-_GLANCE = 0.1
-"""s between two looks at whether to stop, while an autopilot is waited for."""
-_ABSENT_GLANCE = 0.1
-"""s, simulated, between two looks at those who were left behind."""
+"""Seconds the loop may lag before it stops catching up."""
+_STOP_POLL = 0.1
+"""Interval of the check whether to stop while waiting for an autopilot, s."""
+_ABSENT_POLL = 0.1
+"""Interval of the check for a dropped autopilot, s of simulated time."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Interface:
-    """How the physics speaks with one kind of autopilot.
+    """Interface of the physics to one kind of autopilot.
 
     Attributes:
-        link: makes the link of a drone.
-        base_port: of the first instance.
-        port_step: between two instances.
-        rate: Hz, of exchanges.
-        substeps: integration steps in one exchange.
+        link: factory of the link of a drone.
+        base_port: port of the first instance.
+        port_step: difference between the ports of two instances.
+        rate: rate of exchanges, Hz.
+        substeps: number of integration steps in one exchange.
     """
 
     link: Callable[[int], AutopilotInterface]
@@ -78,18 +79,18 @@ INTERFACES = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PhysicsPlan:
-    """What is to be flown.
+    """Plan of the physics for real autopilots.
 
     Attributes:
-        autopilot: of INTERFACES.
-        vehicles: their number.
-        port: of the first instance; None: the autopilot's own; 0: any that are free.
-        speed: simulated over real time; autopilots may have to be told it, too.
-        spacing: m, between neighbours of the grid in which they stand.
-        patience: s, see PATIENCE.
-        scenario: airframe, air, GPS errors, noise of the sensors.
-        seed: of the random numbers.
-        origin: the world's place on the globe.
+        autopilot: name in INTERFACES.
+        vehicles: number of vehicles.
+        port: port of the first instance; None for the autopilot's default, 0 for any free ports.
+        speed: simulated seconds per real second; autopilots may need the same setting.
+        spacing: distance between neighbours in the grid on the ground, m.
+        patience: time to wait for an autopilot, s; see PATIENCE.
+        scenario: scenario with airframe, wind, drag, GPS errors and sensor noise.
+        seed: seed of all random numbers.
+        origin: geographic position of the world frame's origin.
 
     Raises:
         FleetError: a value is out of bounds.
@@ -107,7 +108,7 @@ class PhysicsPlan:
 
     def __post_init__(self) -> None:
         if self.autopilot not in INTERFACES:
-            raise FleetError(f"physics-for: {self.autopilot!r} must be one of {', '.join(INTERFACES)}")
+            raise FleetError(f"physics-for: {self.autopilot!r} is unknown: it must be one of {', '.join(INTERFACES)}")
         reach = self.interface.port_step * (self.vehicles - 1)
         bounds = {
             "vehicles": (1, VEHICLES_MAX),
@@ -125,31 +126,32 @@ class PhysicsPlan:
 
     @property
     def interface(self) -> Interface:
-        """How the physics speaks with the autopilots."""
+        """Interface to the autopilots."""
         return INTERFACES[self.autopilot]
 
     def ports(self) -> list[int]:
-        """Where the physics listens for each vehicle; 0 where any port will do."""
+        """Port of the physics for each vehicle; 0 for any free port."""
         interface = self.interface
         base = interface.base_port if self.port is None else self.port
         return [base + interface.port_step * number if base else 0 for number in range(self.vehicles)]
 
 
 class LockStep:
-    """The world, its autopilots, and the exchange between them.
+    """The simulation, its autopilots, and the exchange between them.
 
     Args:
-        plan: what is flown.
-        notice: told, in a line, who comes, goes and begins anew.
-        ended: tells of a drone, by its number, how its autopilot's program has ended; None while it runs, or may run.
+        plan: plan of the simulation.
+        notice: callback that receives a line when an autopilot is dropped or returns.
+        ended: function that returns the end of an autopilot's program, in words, by the number of its drone; None while
+            it runs or is not known.
 
     Attributes:
-        bodies: what moves.
-        links: to the autopilots.
-        time: s, simulated, since all were there.
+        bodies: simulated bodies.
+        links: links to the autopilots.
+        time: simulated time since all autopilots were connected, s.
 
     Raises:
-        MoflockError: the airframe or the scenario cannot be flown so.
+        MoflockError: the airframe or the scenario is not suitable.
     """
 
     def __init__(
@@ -161,7 +163,7 @@ class LockStep:
         self.plan = plan
         interface = plan.interface
         self.period = 1 / interface.rate
-        # Its other periods have no part here, and need not fit the autopilot's.
+        # The scenario's other periods are not used, and are replaced by values that fit the step.
         scenario = plan.scenario.replace(
             step=self.period / interface.substeps, imu=None, drones=plan.vehicles,
             duration=1e6, sample_period=0.1, warm_up=0.0, t_del=0.0,
@@ -171,7 +173,8 @@ class LockStep:
         self._substeps = interface.substeps
         self.bodies = RealtimeBodies(scenario, places, streams, interface.substeps, controlled=False)
         if 2 * self.bodies.radius >= plan.spacing:
-            raise FleetError(f"spacing: {plan.spacing:g} m must be above the airframe's {2 * self.bodies.radius:g} m")
+            diameter = 2 * self.bodies.radius
+            raise FleetError(f"spacing: {plan.spacing:g} m: it must be above the airframe's diameter, {diameter:g} m")
         self._motors = Motors(self.bodies.airframe, CURVE[plan.autopilot])
         self._sensors = SimulatedSensors(
             self.bodies, plan.scenario.imu or ImuConfig(), self.period, plan.origin, streams
@@ -180,14 +183,14 @@ class LockStep:
         self._outputs = np.zeros((plan.vehicles, ROTORS))
         self._notice, self._ended = notice, ended
         self._exchanges = 0
-        self._looked = (0.0, time.perf_counter())
+        self._last_factor = (0.0, time.perf_counter())
 
     @property
     def time(self) -> float:
         return self._exchanges * self.period
 
     def open(self) -> None:
-        """Listen for all autopilots, or for none.
+        """Open all links, or none.
 
         Raises:
             LinkError: a port is in use.
@@ -204,7 +207,7 @@ class LockStep:
             link.close()
 
     def gather(self, stop: Callable[[], bool]) -> bool:
-        """Wait until every autopilot has spoken once; returns False if `stop` said True before.
+        """Wait until every autopilot has sent outputs; returns False if `stop` returned True before.
 
         Raises:
             FleetError: an autopilot's program has ended.
@@ -213,7 +216,7 @@ class LockStep:
             while not link.ready:
                 if stop():
                     return False
-                link.receive(_GLANCE)
+                link.receive(_STOP_POLL)
                 end = None if link.ready else self._ended(link.number)
                 if end is not None:
                     raise FleetError(f"autopilot {link.number}: {end}")
@@ -221,7 +224,7 @@ class LockStep:
         return True
 
     def run(self, duration: float = math.inf, stop: Callable[[], bool] = lambda: False) -> None:
-        """Fly in real time, times the plan's speed, for `duration` simulated seconds or until `stop` says True."""
+        """Run at the plan's speed for `duration` simulated seconds or until `stop` returns True."""
         begun, done = time.perf_counter(), 0
         period = self.period / self.plan.speed
         while not stop() and self.time < duration - self.period / 2:
@@ -235,7 +238,7 @@ class LockStep:
                 time.sleep(wait)
 
     def step(self, stop: Callable[[], bool] = lambda: False) -> bool:
-        """One exchange: outputs of all, motion, sensors to all; returns False if `stop` said True while it waited.
+        """Perform one exchange: receive outputs, advance, send readings; returns False if `stop` returned True.
 
         Raises:
             FlightError: the state of the bodies is no longer finite.
@@ -248,46 +251,46 @@ class LockStep:
         self.bodies.advance(self._substeps)
         self._exchanges += 1
         if not math.isfinite(self.bodies.qpos.sum()):
-            raise FlightError(f"at {self.time:.3f} s the state is no longer finite: a rotor too strong for the step?")
+            raise FlightError(f"at {self.time:.3f} s the state is no longer finite: use a smaller step")
         surroundings = functools.cache(self._sensors.surroundings)
         reading = Reading(self.time, self._sensors.motion(), surroundings, self.plan.origin)
         for link in self.links:
             if link.present:
-                link.tell(reading)
+                link.send_reading(reading)
         return True
 
     def real_time_factor(self) -> float:
-        """Simulated over wall time since the look before, 1 at the plan's speed."""
-        (before, wall_before), now = self._looked, time.perf_counter()
-        self._looked = (self.time, now)
+        """Simulated over wall time since the previous call, relative to the plan's speed."""
+        (before, wall_before), now = self._last_factor, time.perf_counter()
+        self._last_factor = (self.time, now)
         return (self.time - before) / max(now - wall_before, 1e-9) / self.plan.speed
 
     def _wait_for_outputs(self, stop: Callable[[], bool]) -> bool:
         began = None
         for link in self.links:
             if not link.present:
-                self._glance(link)
+                self._poll_absent(link)
                 continue
             link.receive(0.0)
             while not link.ready:
                 began = began or time.monotonic()
                 reason = self._ended(link.number)
                 if reason is None and time.monotonic() - began > self.plan.patience:
-                    reason = f"it has not answered for {self.plan.patience:g} s"
+                    reason = f"no outputs for {self.plan.patience:g} s"
                 if reason is not None:
                     link.present, link.outputs = False, STILL
                     self._notice(f"autopilot {link.number} at {self.time:.1f} s: {reason}; its rotors stop")
                     break
                 if stop():
                     return False
-                link.receive(min(_GLANCE, self.plan.patience))
+                link.receive(min(_STOP_POLL, self.plan.patience))
         return True
 
-    def _glance(self, link: AutopilotInterface) -> None:
-        """Look, now and then, whether one that was left behind speaks again."""
-        if self._exchanges % round(_ABSENT_GLANCE / self.period):
+    def _poll_absent(self, link: AutopilotInterface) -> None:
+        """Check at intervals whether a dropped autopilot sends again."""
+        if self._exchanges % round(_ABSENT_POLL / self.period):
             return
         link.receive(0.0)
         if link.ready:
             link.present = True
-            self._notice(f"autopilot {link.number} at {self.time:.1f} s: it is there again")
+            self._notice(f"autopilot {link.number} at {self.time:.1f} s: connected again")

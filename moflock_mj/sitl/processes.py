@@ -1,4 +1,4 @@
-"""The autopilots' own programs: started each in a folder of its own, ended with all their children."""
+"""Processes of real autopilots: each one starts in its own folder, and ends with all its children."""
 
 from __future__ import annotations
 
@@ -14,46 +14,46 @@ from typing import Any
 from moflock_mj.errors import FleetError
 
 OUTPUT = "output.txt"
-"""What a program has printed, in its folder."""
+"""File with the output of a program, in its folder."""
 
 _GRACE = 1.0
-"""s between asking a program to end and ending it."""
+"""Time between SIGTERM and SIGKILL, s."""
 
 PLACEHOLDERS = {
     "instance": "number of the vehicle, from 0",
-    "sysid": "its MAVLink system id, from 1",
-    "port": "where the physics of this vehicle listens",
+    "sysid": "MAVLink system id of the vehicle, from 1",
+    "port": "port on which the physics of the vehicle listens",
     "home": "latitude,longitude,altitude,heading of the world's origin",
-    "speed": "simulated over real time",
-    "here": "the folder in which moflock was started",
+    "speed": "simulated seconds per real second",
+    "here": "folder in which moflock was started",
 }
-"""What a command may contain in braces."""
+"""Placeholders that a command may contain in braces, and their meaning."""
 
 
 def fill_command(template: str, values: dict[str, Any]) -> list[str]:
-    """The words of a command, as a shell would split them, with placeholders filled.
+    """Split a command into words like a shell, and fill in its placeholders.
 
-    A program given by a relative path is looked for where moflock was started.
+    The relative path of a program starts at the folder in which moflock was started.
 
     Args:
-        template: such as "arducopter -I{instance}".
-        values: by placeholder.
+        template: command such as "arducopter -I{instance}".
+        values: values by placeholder.
 
     Raises:
-        FleetError: quotes are not closed, there is no word, or a placeholder is unknown.
+        FleetError: quotes are not closed, the command is empty, or a placeholder is unknown.
     """
     try:
         words = [word.format_map(values) for word in shlex.split(template)]
     except (KeyError, IndexError, AttributeError) as problem:
         raise FleetError(
-            f"autopilot-command: placeholder {problem} is unknown: there are {', '.join(PLACEHOLDERS)}"
+            f"autopilot-command: placeholder {problem} is unknown: it must be one of {', '.join(PLACEHOLDERS)}"
         ) from None
     except ValueError as problem:
         raise FleetError(f"autopilot-command: {problem}") from None
     if not words:
         raise FleetError("autopilot-command: it is empty: it must name a program")
     if "/" in words[0]:
-        # Not resolved: a program may go by the name of the link to it, as a virtual environment's Python does.
+        # Links are not resolved, since a program can depend on the name of its link, like Python in a virtual env.
         words[0] = str(Path(words[0]).expanduser().absolute())
     return words
 
@@ -62,11 +62,11 @@ class Processes:
     """Running programs; a context manager that ends them.
 
     Args:
-        commands: words of each.
-        folder: where each gets a folder of its own, `0`, `1`, ...
+        commands: words of each command.
+        folder: folder in which each program gets its own folder, `0`, `1`, ...
 
     Raises:
-        FleetError: one cannot be started; none is left running then.
+        FleetError: a program cannot be started; all others are ended.
     """
 
     def __init__(self, commands: Sequence[Sequence[str]], folder: Path) -> None:
@@ -80,25 +80,25 @@ class Processes:
             raise
 
     def ended(self, number: int) -> str | None:
-        """How a program has ended, in words; None while it runs."""
+        """End of a program, in words; None while it runs."""
         status = self._running[number].poll()
         if status is None:
             return None
         how = f"signal {-status}" if status < 0 else f"status {status}"
-        return f"it has ended with {how}: see {self.folder / str(number) / OUTPUT}"
+        return f"its program ended with {how}: see {self.folder / str(number) / OUTPUT}"
 
     def end(self) -> None:
-        """End all programs and what they have started, even if a second Ctrl-C breaks off the waiting for them."""
+        """End all programs and their children, even if a second Ctrl-C interrupts the wait for them."""
         try:
-            self._tell_all(signal.SIGTERM)
+            self._signal_all(signal.SIGTERM)
         finally:
-            # ArduPilot does not end while it waits for its physics, and a child may have outlived its parent.
-            self._tell_all(signal.SIGKILL)
+            # ArduPilot does not end while it waits for its physics, and a child can outlive its parent.
+            self._signal_all(signal.SIGKILL)
 
-    def _tell_all(self, signal_number: int) -> None:
-        """Send a signal to all groups, and wait a little for the programs to end."""
+    def _signal_all(self, signal_number: int) -> None:
+        """Send a signal to all process groups, and wait up to `_GRACE` for the programs to end."""
         for program in self._running:
-            _tell_group(program, signal_number)
+            _signal_group(program, signal_number)
         deadline = time.monotonic() + _GRACE
         while any(program.poll() is None for program in self._running) and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -126,9 +126,9 @@ def _start(words: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
         raise FleetError(f"autopilot-command: {words[0]}: {problem.strerror}") from None
 
 
-def _tell_group(program: subprocess.Popen[bytes], signal_number: int) -> None:
-    """Send a signal to a program and all that it has started, as far as they have not left its group."""
+def _signal_group(program: subprocess.Popen[bytes], signal_number: int) -> None:
+    """Send a signal to the process group of a program."""
     try:
         os.killpg(program.pid, signal_number)
     except (ProcessLookupError, PermissionError):
-        return  # nobody is left
+        return  # the group is empty

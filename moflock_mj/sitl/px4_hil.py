@@ -1,8 +1,8 @@
-"""PX4's simulator interface: MAVLink over TCP, the simulator listens, PX4 connects.
+"""PX4's simulator interface: MAVLink over TCP, on which the simulator listens and PX4 connects.
 
-PX4's instance i connects to port 4560 + i. It gets HIL_SENSOR, by which it moves its own clock, and HIL_GPS; it
-answers each HIL_SENSOR with HIL_ACTUATOR_CONTROLS, from the moment on at which its controllers run. Before, nobody is
-waited for (PX4 guide, Simulation, MAVLink API).
+PX4's instance i connects to port 4560 + i. It receives HIL_SENSOR, which advances its clock, and HIL_GPS. Once its
+controllers run, it answers each HIL_SENSOR with HIL_ACTUATOR_CONTROLS; before that, the simulation does not wait (PX4
+guide, Simulation, MAVLink API).
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from moflock_mj.sitl.sensors import Surroundings
 
 BASE_PORT = 4560
 RATE = 250
-"""Hz of HIL_SENSOR: PX4's own start-up script sets IMU_INTEG_RATE so for simulation."""
+"""Rate of HIL_SENSOR, Hz: the IMU_INTEG_RATE that PX4's start-up script sets for simulation."""
 
 GPS_RATE = 10
-"""Hz of HIL_GPS."""
+"""Rate of HIL_GPS, Hz."""
 SURROUNDINGS_RATE = 50
-"""Hz of magnetometer and barometer in HIL_SENSOR."""
+"""Rate of magnetometer and barometer in HIL_SENSOR, Hz."""
 
 _INERTIAL = 0b111111
 _MAGNETIC = 0b111000000
 _PRESSURE = 0b1101000000000
 """Bits of HIL_SENSOR.fields_updated: xacc to zgyro; xmag to zmag; abs_pressure, pressure_alt and temperature."""
 _LOCK_STEP = 1
-"""Of HIL_ACTUATOR_CONTROLS.flags: PX4's clock is the last HIL_SENSOR's."""
+"""Bit of HIL_ACTUATOR_CONTROLS.flags: PX4's clock is that of the last HIL_SENSOR."""
 _SATELLITES, _FIX_3D = 12, 3
 _EPH, _EPV = 50, 80
-"""cm, HIL_GPS: what a good receiver says of itself."""
+"""Horizontal and vertical accuracy in HIL_GPS of a good receiver, cm."""
 _CHUNK = 4096
 _REPEAT = 0.5
-"""s without an answer after which the same is sent again: PX4 may have passed over it as it started modules."""
+"""Time without an answer after which a message is repeated, s: PX4 can miss it while it starts modules."""
 
 
 class Px4Link(AutopilotInterface):
-    """The physics' side of one PX4."""
+    """Link of the physics to one PX4."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -53,7 +53,7 @@ class Px4Link(AutopilotInterface):
         self._answers = False
         self._tick = 0
         self._packets = b""
-        self._told = 0.0
+        self._sent_at = 0.0
 
     def open(self, port: int) -> None:
         self._server = listening(socket.SOCK_STREAM, "TCP", port)
@@ -65,7 +65,7 @@ class Px4Link(AutopilotInterface):
         return int(self._opened.getsockname()[1])
 
     def close(self) -> None:
-        self._hang_up()
+        self._disconnect()
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -84,13 +84,13 @@ class Px4Link(AutopilotInterface):
             except ConnectionError:
                 chunk = b""
             if not chunk:
-                self._hang_up()
+                self._disconnect()
                 return
             self._parse(chunk)
-        if not self.ready and time.monotonic() - self._told > _REPEAT:
+        if not self.ready and time.monotonic() - self._sent_at > _REPEAT:
             self._send()
 
-    def tell(self, reading: Reading) -> None:
+    def send_reading(self, reading: Reading) -> None:
         if self._stream is None:
             return
         self._tick += 1
@@ -122,18 +122,18 @@ class Px4Link(AutopilotInterface):
         self._answers, self._tick = False, 0
         self.outputs, self.ready = STILL, True
 
-    def _hang_up(self) -> None:
+    def _disconnect(self) -> None:
         if self._stream is not None:
             self._stream.close()
         self._stream, self.outputs, self.ready = None, STILL, False
 
     def _send(self) -> None:
-        self._told = time.monotonic()
+        self._sent_at = time.monotonic()
         if self._stream is not None:
             try:
                 self._stream.sendall(self._packets)
             except OSError:
-                self._hang_up()
+                self._disconnect()
 
     def _parse(self, chunk: bytes) -> None:
         for message in self._decoder.parse_buffer(chunk) or ():
@@ -149,7 +149,7 @@ class Px4Link(AutopilotInterface):
             self.counts.dropped += 1
             return
         self.outputs = tuple(min(max(output, 0.0), 1.0) for output in outputs)
-        # What answers an earlier HIL_SENSOR, from when nobody was waited for, would leave the motors late for ever.
+        # An answer to an earlier HIL_SENSOR, before PX4 was waited for, would delay the motors permanently.
         late = message.flags & _LOCK_STEP and message.time_usec < microseconds(self._tick)
         self._answers = True
         self.ready |= not late
@@ -162,7 +162,7 @@ class Px4Link(AutopilotInterface):
 
 
 def microseconds(tick: int) -> int:
-    """PX4's clock at a HIL_SENSOR, which are counted from 1."""
+    """PX4's clock at a HIL_SENSOR, whose numbers start at 1, us."""
     return tick * (1_000_000 // RATE)
 
 
@@ -171,9 +171,9 @@ def sensor_message(tick: int, reading: Reading, drone: int, surroundings: Surrou
 
     Args:
         tick: number of the message, from 1.
-        reading: of all drones.
-        drone: number.
-        surroundings: of magnetometer and barometer, if they have been read.
+        reading: sensor readings of all drones.
+        drone: number of the drone.
+        surroundings: readings of magnetometer and barometer, or None.
     """
     fields = _INERTIAL
     field, pressure, altitude, temperature = [0.0, 0.0, 0.0], 0.0, 0.0, 0.0
@@ -202,9 +202,9 @@ def gps_message(tick: int, reading: Reading, drone: int) -> Message:
     """HIL_GPS of a drone.
 
     Args:
-        tick: number of the HIL_SENSOR that it goes with.
-        reading: of all drones.
-        drone: number.
+        tick: number of the accompanying HIL_SENSOR.
+        reading: sensor readings of all drones.
+        drone: number of the drone.
     """
     north, east, down = reading.motion.position[drone].tolist()
     velocity = reading.motion.velocity[drone].tolist()
@@ -226,5 +226,5 @@ def gps_message(tick: int, reading: Reading, drone: int) -> Message:
 
 
 def _bounded(speed: float, low: int, high: int) -> int:
-    """cm/s of m/s, within what the message's field holds."""
+    """Convert m/s to cm/s, limited to the range of the message's field."""
     return min(max(round(speed * 100), low), high)

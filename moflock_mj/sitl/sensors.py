@@ -1,4 +1,4 @@
-"""What each drone's sensors tell its autopilot, in the autopilot's frames: NED, and bodies forward, right, down."""
+"""Simulated sensors of each drone in the autopilot's frames: NED, and FRD for the body."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from moflock_mj.world.constants import GRAVITY
 DECLINATION = math.radians(3.41)
 INCLINATION = math.radians(63.16)
 FIELD_STRENGTH = 0.4824
-"""Gauss. The earth's field where `Origin` is by default: World Magnetic Model 2020 at the middle of 2024, interpolated
-between 40 and 50 degrees north, 0 and 10 degrees east, as PX4 does in its table. It turns by 0.2 degrees a year."""
+"""The earth's magnetic field (gauss) at the default `Origin`: World Magnetic Model 2020 in mid-2024, interpolated
+between 40 and 50 degrees north, 0 and 10 degrees east, as in PX4's table. It turns by 0.2 degrees per year."""
 
 MAGNETIC_NOISE = 0.002
-"""Gauss, deviation: Honeywell HMC5883L datasheet, 2 milligauss."""
+"""Standard deviation of the magnetometer, gauss: Honeywell HMC5883L datasheet, 2 milligauss."""
 
-_FELT_FOR = 5e-3
-"""s, over which an accelerometer takes its mean: Bosch BMI088 datasheet, bandwidth 80 Hz at 800 readings a second.
+_MEAN_TIME = 5e-3
+"""Averaging time of an accelerometer, s: Bosch BMI088 datasheet, bandwidth 80 Hz at 800 readings per second.
 
-An autopilot reads at a rate of its own, ArduPilot's simulated IMUs at 1000, 800 and 760 Hz, what we tell at ours. Noise
-that changes between two of its readings is lost for the velocity that it sums up: in one second of the scenario's outer
-noise, told at 1200 Hz without this mean, that goes astray by 0.25 to 0.5 m/s. With it, by a tenth of that.
+An autopilot samples the readings at its own rate; ArduPilot's simulated IMUs do so at 1000, 800 and 760 Hz. Noise that
+changes between two of its samples is missing from its integrated velocity: with the scenario's velocity disturbance at
+1200 Hz and without averaging, the velocity drifts by 0.25 to 0.5 m/s in one second; with averaging, by a tenth of it.
 """
 
 _FIELD_NED = FIELD_STRENGTH * np.array(
@@ -42,14 +42,15 @@ _TO_FRD = np.array([1.0, -1.0, -1.0])
 
 
 class Motion(NamedTuple):
-    """What inertial sensors and GPS tell of N drones.
+    """Readings of the inertial sensors and GPS of N drones.
 
     Attributes:
-        gyro: (N, 3), rad/s, body.
-        specific_force: (N, 3), m/s^2, body, the mean over 5 ms or since the reading before; (0, 0, -g) at rest.
-        attitude: (N, 4), quaternion w x y z from the body to NED, the truth.
-        position: (N, 3), m, NED from the origin, with the error of the GPS.
-        velocity: (N, 3), m/s, NED, with the error of the GPS.
+        gyro: angular rates, (N, 3), rad/s, body.
+        specific_force: mean specific force over 5 ms or since the last reading, (N, 3), m/s^2, body; (0, 0, -g) at
+            rest.
+        attitude: true attitude, quaternion (w, x, y, z) from the body to NED, (N, 4).
+        position: position with the GPS error, (N, 3), m, NED from the origin.
+        velocity: velocity with the GPS error, (N, 3), m/s, NED.
     """
 
     gyro: NDArray[np.float64]
@@ -60,13 +61,13 @@ class Motion(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What magnetometer and barometer tell of N drones.
+    """Readings of the magnetometers and barometers of N drones.
 
     Attributes:
-        magnetic_field: (N, 3), gauss, body.
-        pressure: (N,), Pa.
-        temperature: (N,), degrees Celsius.
-        pressure_altitude: (N,), m above mean sea level, that the pressure stands for.
+        magnetic_field: magnetic field, (N, 3), gauss, body.
+        pressure: pressure, (N,), Pa.
+        temperature: temperature, (N,), degrees Celsius.
+        pressure_altitude: altitude of the pressure above mean sea level, (N,), m.
     """
 
     magnetic_field: NDArray[np.float64]
@@ -76,14 +77,15 @@ class Surroundings(NamedTuple):
 
 
 class SimulatedSensors:
-    """The sensors of all drones, with the noise of `ImuConfig`.
+    """Sensors of all drones, with the noise of `ImuConfig`.
 
     Args:
-        bodies: whose they are.
-        imu: figures of the noise.
-        period: s, between two readings of the inertial sensors.
-        origin: of the world on the globe.
-        streams: `inertial` and `walk` are for gyroscope and accelerometer, `fix` for magnetometer and barometer.
+        bodies: bodies that carry the sensors.
+        imu: parameters of the noise.
+        period: interval of the inertial sensors' readings, s.
+        origin: geographic position of the world frame's origin.
+        streams: random numbers; `inertial` and `walk` for gyroscope and accelerometer, `fix` for magnetometer and
+            barometer.
     """
 
     def __init__(
@@ -94,18 +96,18 @@ class SimulatedSensors:
         drones = len(bodies.qpos)
         self._velocity = bodies.qvel[:, :3].copy()
         self._gyro_bias, self._accel_bias = np.zeros((drones, 3)), np.zeros((drones, 3))
-        self._felt = np.tile([0.0, 0.0, -GRAVITY], (max(round(_FELT_FOR / period), 1), drones, 1))
-        """(readings, N, 3), m/s^2, body, a ring of the specific force in the latest periods."""
+        self._force_history = np.tile([0.0, 0.0, -GRAVITY], (max(round(_MEAN_TIME / period), 1), drones, 1))
+        """Ring buffer of the specific force, (readings, N, 3), m/s^2, body."""
         self._readings = 0
 
     def motion(self) -> Motion:
-        """Read gyroscopes, accelerometers and GPS; to be called once in each period."""
+        """Read gyroscopes, accelerometers and GPS; call it once in each period."""
         bodies, imu, root = self._bodies, self._imu, math.sqrt(self._period)
         qpos, qvel = bodies.qpos, bodies.qvel
         force = (qvel[:, :3] - self._velocity) / self._period
         force[:, 2] += GRAVITY
         self._velocity[:] = qvel[:, :3]
-        self._felt[self._readings % len(self._felt)] = to_body(qpos[:, 3:], force)
+        self._force_history[self._readings % len(self._force_history)] = to_body(qpos[:, 3:], force)
         self._readings += 1
         white, walk = self._noise.standard_normal((2, len(qpos), 3)), self._walk.standard_normal((2, len(qpos), 3))
         self._gyro_bias += imu.gyro_walk * root * walk[0]
@@ -115,7 +117,7 @@ class SimulatedSensors:
         velocity[:, :2] += bodies.velocity_error.T
         return Motion(
             gyro=qvel[:, 3:] * _TO_FRD + self._gyro_bias + imu.gyro_noise / root * white[0],
-            specific_force=self._felt.mean(axis=0) + self._accel_bias + imu.accel_noise / root * white[1],
+            specific_force=self._force_history.mean(axis=0) + self._accel_bias + imu.accel_noise / root * white[1],
             attitude=attitude_of_body(qpos[:, 3:]),
             position=ned(position),
             velocity=ned(velocity),
@@ -136,17 +138,17 @@ class SimulatedSensors:
 
 
 def ned(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """North, east, down of (..., 3) east, north, up; and the other way round."""
+    """Convert (..., 3) vectors from east, north, up to north, east, down, or back."""
     turned: NDArray[np.float64] = vector[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
     return turned
 
 
 def to_body(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 3) vectors of our world, as seen from bodies: forward, right, down.
+    """Rotate world vectors to the body frame FRD, (N, 3).
 
     Args:
-        quaternion: (N, 4), w x y z, from the body (forward, left, up) to our world.
-        vector: (N, 3), our world.
+        quaternion: quaternions (w, x, y, z) from the body (FLU) to the world, (N, 4).
+        vector: vectors, (N, 3), world.
     """
     (w, x, y, z), (a, b, c) = quaternion.T, vector.T
     # v + 2 w (v x q) + 2 (v x q) x q, with q the quaternion's vector: the inverse rotation.
@@ -162,7 +164,7 @@ def to_body(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDA
 
 
 def attitude_of_body(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4) quaternions from the body FRD to NED, of those from the body FLU to our world; w is not negative."""
+    """Convert quaternions from FLU-to-world to FRD-to-NED, (N, 4), with non-negative w."""
     w, x, y, z = quaternion.T
     attitude = math.sqrt(0.5) * np.stack((w + z, x + y, x - y, w - z), axis=1)
     attitude[attitude[:, 0] < 0] *= -1
@@ -170,6 +172,6 @@ def attitude_of_body(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pressure_at(altitude: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pa, at m above mean sea level, up to 11 km: the International Standard Atmosphere (ISO 2533)."""
+    """Pressure, Pa, at altitudes up to 11 km, m: the International Standard Atmosphere (ISO 2533)."""
     pressure: NDArray[np.float64] = 101_325.0 * (1 - 0.0065 / 288.15 * altitude) ** 5.25588
     return pressure

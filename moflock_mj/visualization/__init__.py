@@ -1,1 +1,1 @@
-"""Flights as figures, pages and live views, without OpenGL."""
+"""Figures, HTML pages and live views of flights, without OpenGL."""

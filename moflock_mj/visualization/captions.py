@@ -1,4 +1,4 @@
-"""What a flight is called, and the words that stand beside its picture."""
+"""Names of flights, and the captions of their figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DYNAMICS = {"rigid_body": "rigid bodies", "point_mass": "point masses", "deploy
 
 
 def flight_names(flights: Sequence[AnyFlight]) -> list[str]:
-    """What the flights are called, each differently: their points, else their dynamics or seeds, else a number."""
+    """Distinct names of flights: their points, else with dynamics or seeds, else their logs, else numbers."""
     points = [_point_name(flight.params) for flight in flights]
     kinds = [f"{point}, {_DYNAMICS[flight.dynamics]}" for point, flight in zip(points, flights, strict=True)]
     seeds = [f"{point}, seed {flight.seed}" for point, flight in zip(points, flights, strict=True)]
@@ -26,7 +26,7 @@ def flight_names(flights: Sequence[AnyFlight]) -> list[str]:
 
 
 def conditions(flight: AnyFlight) -> str:
-    """What was flown, for how long, from which seed."""
+    """Conditions of a flight: flock, arena, duration and seed."""
     scenario, flown = flight.scenario, kept_samples(flight).t[-1]
     lasting = f"{flown:g} s" if flown >= scenario.duration - 1e-6 else f"{flown:g} of {scenario.duration:g} s"
     params = flight.params
@@ -37,15 +37,15 @@ def conditions(flight: AnyFlight) -> str:
 
 
 def figures(flight: AnyFlight) -> str:
-    """The two objectives, and what went wrong in the flight."""
+    """The two objectives, and the numbers of contacts and near misses."""
     touches = sum(event.level == "error" for event in flight.events)
     close = sum(event.level == "warning" for event in flight.events)
-    wrong = f"{_count(touches, 'touch', 'touches')}, {_count(close, 'near miss', 'near misses')}"
-    return f"F_1 = {flight.fitness.F_1:.3f}, F_2 = {flight.fitness.F_2:.3f}; {wrong}"
+    incidents = f"{_count(touches, 'contact', 'contacts')}, {_count(close, 'near miss', 'near misses')}"
+    return f"F_1 = {flight.fitness.F_1:.3f}, F_2 = {flight.fitness.F_2:.3f}; {incidents}"
 
 
 def _point_name(params: NamedTuple) -> str:
-    """A named point, or none of them."""
+    """Name of a named point, else "own point"."""
     base = params.base if isinstance(params, TargetTrackingParams) else params
     names = [name for name in point_names() if load_point(name) == base]
     return f"point {names[0]}" if names and len(names[0]) == 1 else names[0] if names else "own point"

@@ -1,4 +1,4 @@
-"""The colours of drones: by their speed or by the danger they are in, and the legend that says which is which."""
+"""Colours of drones by speed or by danger (distance to the nearest drone), and their legend."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.visualization.figure_style import FLIGHTS
 
 COLOURS = ("speed", "danger")
-"""What a drone's colour can tell."""
+"""Quantities that a drone's colour can show."""
 
-# The upper seven tenths of viridis (S. van der Walt, N. Smith): on a dark ground its darkest part would hide.
+# The upper 70 % of viridis (S. van der Walt, N. Smith), since its darkest part is not visible on a dark background.
 _VIRIDIS = np.array(
     [
         [53, 95, 141],
@@ -37,19 +37,19 @@ _WHITE = np.array([240, 240, 240])
 _CALM, _OUTSIDE, _CLOSE, _TOUCHED = STATUS_RGBA[:, :3].astype(int)
 
 _CALM_DISTANCE = 4.0
-"""From how many r_coll on a neighbour is no danger."""
+"""Distance to a neighbour from which there is no danger, in r_coll."""
 
 _TOP_SPEED = 1.25
-"""Where the scale of speeds ends, in v_max: bodies overshoot a little."""
+"""End of the speed scale, in v_max, since rigid bodies overshoot slightly."""
 
 
 class LegendEntry(NamedTuple):
     """A line of the legend: a scale if it has bounds, else one colour.
 
     Attributes:
-        label: what is coloured, with its unit.
-        rgb: colours 0 to 255, evenly spaced along the scale.
-        bounds: what the first and the last colour stand for, or nothing.
+        label: quantity with its unit.
+        rgb: colours from 0 to 255, evenly spaced along the scale.
+        bounds: values of the first and the last colour, or empty.
     """
 
     label: str
@@ -61,12 +61,13 @@ Legend = tuple[LegendEntry, ...]
 
 
 class Coloured(NamedTuple):
-    """The colours of some flights.
+    """Colours of flights.
 
     Attributes:
-        rgb: for each flight (T, N, 3), u8.
-        clearance: for each flight (T, N), m, from each drone to the nearest other one; infinite for a single drone.
-        legend: what they mean.
+        rgb: colours for each flight, (T, N, 3), u8.
+        clearance: distance from each drone to the nearest other one for each flight, (T, N), m; infinite for a single
+            drone.
+        legend: legend of the colours.
     """
 
     rgb: list[NDArray[np.uint8]]
@@ -77,19 +78,19 @@ class Coloured(NamedTuple):
 def colour_drones(
     samples: Sequence[Samples], scenarios: Sequence[Scenario], names: Sequence[str], colour: str
 ) -> Coloured:
-    """Colour the drones of one flight, or of two, each with shades of its own.
+    """Colour the drones of one flight, or of two flights with separate shades.
 
     Args:
-        samples: of each flight.
-        scenarios: of each flight.
-        names: of each flight.
+        samples: samples of each flight.
+        scenarios: scenario of each flight.
+        names: name of each flight.
         colour: one of `COLOURS`.
 
     Raises:
         RenderError: the colour is unknown.
     """
     if colour not in COLOURS:
-        raise RenderError(f"colour: {colour!r} is unknown; there are {', '.join(COLOURS)}")
+        raise RenderError(f"colour: {colour!r} is unknown: it must be one of {', '.join(COLOURS)}")
     clearance = [clearances(flight.position) for flight in samples]
     compared = len(samples) > 1
     if colour == "speed":
@@ -111,10 +112,10 @@ def colour_drones(
     ]
     r_coll = scenarios[0].r_coll
     legend = [
-        LegendEntry(f"{name}: nearest other, m" if compared else "nearest other drone, m", table.tolist(), bounds)
+        LegendEntry(f"{name}: nearest drone, m" if compared else "nearest other drone, m", table.tolist(), bounds)
         for name, table, bounds in zip(names, shades, [(_CALM_DISTANCE * r_coll, r_coll)] * len(names), strict=True)
     ]
-    flags = [("outside the arena", _OUTSIDE), (f"closer than {r_coll:g} m", _CLOSE), ("has touched", _TOUCHED)]
+    flags = [("outside the arena", _OUTSIDE), (f"closer than {r_coll:g} m", _CLOSE), ("had a contact", _TOUCHED)]
     legend += [LegendEntry(label, [tone.tolist()]) for label, tone in flags]
     return Coloured(rgb, clearance, tuple(legend))
 
@@ -123,7 +124,7 @@ def clearances(position: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distance from each drone to the nearest other one, (T, N), m; infinite for a single drone.
 
     Args:
-        position: (T, N, 3), m.
+        position: positions, (T, N, 3), m.
     """
     if position.shape[1] == 1:
         return np.full(position.shape[:2], np.inf)
@@ -133,13 +134,13 @@ def clearances(position: NDArray[np.float64]) -> NDArray[np.float64]:
 def danger_colours(
     table: NDArray[np.int64], clearance: NDArray[np.float64], status: NDArray[np.uint8], r_coll: float
 ) -> NDArray[np.uint8]:
-    """Colours by danger, (T, N, 3); the worst that holds of a drone decides.
+    """Colours by danger, (T, N, 3); the worst state of a drone determines its colour.
 
     Args:
-        table: (K, 3), shades from no danger to r_coll.
-        clearance: (T, N), m, to the nearest other drone.
-        status: (T, N), flags OUTSIDE, CLOSE and TOUCHED.
-        r_coll: m.
+        table: shades from no danger to r_coll, (K, 3).
+        clearance: distance to the nearest other drone, (T, N), m.
+        status: flags OUTSIDE, CLOSE and TOUCHED, (T, N).
+        r_coll: collision distance, m.
     """
     rgb = shade(table, -clearance, -_CALM_DISTANCE * r_coll, -r_coll)
     for flag, tone in ((OUTSIDE, _OUTSIDE), (CLOSE, _CLOSE), (TOUCHED, _TOUCHED)):
@@ -151,10 +152,10 @@ def shade(table: NDArray[np.int64], value: NDArray[np.float64], low: float, high
     """Colours of values, u8, with a last axis of 3.
 
     Args:
-        table: (K, 3), shades evenly spaced from low to high.
-        value: any shape.
-        low: stands for the first shade, and so does all below it.
-        high: stands for the last.
+        table: shades evenly spaced from low to high, (K, 3).
+        value: values of any shape.
+        low: value of the first shade; smaller values get the same shade.
+        high: value of the last shade; larger values get the same shade.
     """
     places = np.clip((value - low) / (high - low), 0, 1) * (len(table) - 1)
     channels = [np.interp(places, np.arange(len(table)), table[:, channel]) for channel in range(3)]

@@ -1,15 +1,15 @@
-"""How the house's figures look: matplotlib's settings and colours."""
+"""Style of all figures: settings of matplotlib, and colours."""
 
 from __future__ import annotations
 
 from typing import Any
 
-# Of Okabe and Ito's colours, which stay apart for every kind of colour blindness, those that are not faint on paper.
+# The colours of Okabe and Ito, which are distinct for every kind of colour blindness, without those faint on paper.
 BLACK, ORANGE, GREEN, BLUE, RED, PINK = "#222222", "#e69f00", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
 GREY = "#8a8a8a"
 
 FLIGHTS = ("#1e88e5", "#43a047")
-"""Of two flights that are compared, in pictures, pages and videos; they show on white and on a dark ground."""
+"""Colours of two compared flights in figures, pages and videos; visible on white and on dark backgrounds."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -25,5 +25,5 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "legend.frameon": False,
     "legend.fontsize": 8,
-    "svg.hashsalt": "moflock",  # so that the same flight gives the same file
+    "svg.hashsalt": "moflock",  # makes the file of a flight reproducible
 }

@@ -1,4 +1,4 @@
-"""One picture of a flight, or of two: order parameters, trajectories from above, nearest distances, speeds."""
+"""Figure of one flight or two: order parameters, trajectories from above, nearest distances, and speeds."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from moflock_mj.visualization.captions import conditions, figures, flight_names
 from moflock_mj.visualization.figure_style import BLACK, FLIGHTS, STYLE
 
 FORMATS = (".png", ".svg", ".pdf")
-"""The file name's endings, which choose the format."""
+"""File name extensions of the formats."""
 
 _MAX_FLIGHTS = 2
 _DOTS_PER_INCH = 150
@@ -39,17 +39,17 @@ _LIMIT = "#555555"
 _DANGER = "#d00000"
 
 _MAX_CORNERS = 1200
-"""Corners of one drone's trajectory; more of them cannot be told apart on the map."""
+"""Maximum number of corners of one drone's trajectory; more are not distinguishable on the map."""
 
 _TAIL_SECONDS = 15.0
-"""The end of each trajectory that is drawn thicker: where the drones have just been."""
+"""Duration of the end of each trajectory that is drawn thicker, s."""
 
 
 def feasible_maxima(scenario: Scenario) -> OrderParameters:
-    """The values that stand for 1 where order parameters are scaled to (0, 1).
+    """Values of the order parameters that are scaled to 1.
 
-    Of what should be large, the largest that a flight can reach. Of what should be small, the value from which the
-    flight is worthless: its fitness is 0.02 for the wall, 0.04 for pairs that collide, 0.25 for drones on their own.
+    For an order parameter to maximize, this is the largest value that a flight can reach. For one to minimize, it is a
+    value with a low fitness: 0.02 for the wall, 0.04 for colliding pairs, 0.25 for isolated drones.
     """
     return OrderParameters(
         wall=2 * scenario.r_tol,
@@ -62,11 +62,11 @@ def feasible_maxima(scenario: Scenario) -> OrderParameters:
 
 
 def save_flight_figure(flights: AnyFlight | Sequence[AnyFlight], out: str | os.PathLike[str]) -> None:
-    """Draw one flight, or two beside each other.
+    """Save the figure of one flight, or of two side by side.
 
     Args:
-        flights: flights with samples.
-        out: the file, .png (150 dots per inch), .svg or .pdf.
+        flights: one or two flights with samples.
+        out: file to write, .png (150 dots per inch), .svg or .pdf.
 
     Raises:
         RenderError: no samples, more than two flights, an unknown format, or a file that cannot be written.
@@ -74,9 +74,9 @@ def save_flight_figure(flights: AnyFlight | Sequence[AnyFlight], out: str | os.P
     flights = list(flights) if isinstance(flights, Sequence) else [flights]
     form = Path(out).suffix.lower()
     if form not in FORMATS:
-        raise RenderError(f"picture {out}: its name ends in {form!r}, must be one of {', '.join(FORMATS)}")
+        raise RenderError(f"picture {out}: extension {form!r}: it must be one of {', '.join(FORMATS)}")
     if not 1 <= len(flights) <= _MAX_FLIGHTS:
-        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MAX_FLIGHTS}")
+        raise RenderError(f"flights: {len(flights)} given: there must be 1 to {_MAX_FLIGHTS}")
     with rc_context(STYLE), new_file(out) as place:
         undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(form)
         flight_figure(flights).savefig(place, dpi=_DOTS_PER_INCH, metadata=undated)
@@ -84,7 +84,7 @@ def save_flight_figure(flights: AnyFlight | Sequence[AnyFlight], out: str | os.P
 
 @rc_context(STYLE)
 def flight_figure(flights: Sequence[AnyFlight]) -> Figure:
-    """The figure of one flight or two."""
+    """Make the figure of one flight or two."""
     names = flight_names(flights)
     samples = [kept_samples(flight) for flight in flights]
     compared = len(flights) > 1
@@ -111,19 +111,19 @@ def flight_figure(flights: Sequence[AnyFlight]) -> Figure:
 
 
 def _bounds(scenario: Scenario, samples: list[Samples]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The lower left and the upper right corner of what a map shows, (2,), m: the arena and all that left it."""
+    """Lower left and upper right corner of the map, (2,), m: the arena and all trajectories, with a margin."""
     flown = [flight.position[..., :2].reshape(-1, 2) for flight in samples]
     corners = np.concatenate([scenario.arena.outline(), *flown])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    room = 0.03 * (high - low)
-    return low - room, high + room
+    margin = 0.03 * (high - low)
+    return low - margin, high + margin
 
 
 def _draw_trajectories(axes: Axes, scenario: Scenario, samples: Samples, colour: str | None) -> None:
-    """The trajectories of all drones from above, coloured by time; a flight that is compared has shades of its own."""
+    """Draw the trajectories of all drones from above, coloured by time; a compared flight has its own shades."""
     outline = scenario.arena.outline()
     axes.add_patch(Polygon(outline, closed=True, fill=False, edgecolor=_LIMIT, linewidth=1.4, zorder=1))
-    # Viridis without its yellow end, which is too faint on paper; or from grey to the flight's own colour.
+    # Viridis without its yellow end, which is too faint on paper; or grey to the flight's own colour.
     tones = colormaps["viridis"](np.linspace(0.85, 0, 64)) if colour is None else ["#d4d4d4", colour]
     shades = LinearSegmentedColormap.from_list("time", tones)
     every = max(1, -(-samples.t.size // _MAX_CORNERS))
@@ -140,7 +140,7 @@ def _draw_trajectories(axes: Axes, scenario: Scenario, samples: Samples, colour:
     axes.plot(last[:, 0], last[:, 1], "o", mfc=tone, mec="white", ms=6, mew=0.7, zorder=5, label="end")
     touches = _first_touches(samples)
     if len(touches):
-        label = f"first touch ({len(touches)} drones)"
+        label = f"first contact ({len(touches)} drones)"
         axes.plot(touches[:, 0], touches[:, 1], "x", color=_DANGER, ms=8, mew=2, zorder=6, label=label)
     _legend_below(axes, 3)
     scale = ScalarMappable(lines.norm, shades)
@@ -151,23 +151,23 @@ def _draw_trajectories(axes: Axes, scenario: Scenario, samples: Samples, colour:
 def _lines_in_time(
     t: NDArray[np.float64], place: NDArray[np.float64], width: float, alpha: float, shades: Any
 ) -> LineCollection:
-    """Trajectories of N drones in pieces that are coloured by time; t: (T,), s; place: (T, N, 2), m."""
+    """Trajectories of N drones as segments coloured by time; t: (T,), s; place: (T, N, 2), m."""
     pieces = np.stack([place[:-1], place[1:]], axis=2).reshape(-1, 2, 2)
     times = np.repeat(t[1:], place.shape[1])
-    # As vectors, the pieces of a long flight would make a file of many megabytes.
+    # As vector graphics, the segments of a long flight would need many megabytes.
     style: dict[str, Any] = {"linewidths": width, "alpha": alpha, "capstyle": "round", "rasterized": True, "zorder": 2}
     return LineCollection(list(pieces), array=times, cmap=shades, **style)
 
 
 def _first_touches(samples: Samples) -> NDArray[np.float64]:
-    """Where each drone was that touched something, at the first sample that says so: (K, 3), m."""
+    """Position of each drone with a contact at its first sample in contact, (K, 3), m."""
     touched = (samples.status & TOUCHED) > 0
     drones = np.flatnonzero(touched.any(axis=0))
     return np.asarray(samples.position[touched.argmax(axis=0)[drones], drones])
 
 
 def _draw_order_parameters(axes: Axes, scenario: Scenario, samples: Samples) -> None:
-    """The running order parameters, each over its feasible maximum."""
+    """Draw the running order parameters, each relative to its feasible maximum."""
     maxima, running, lowest = feasible_maxima(scenario)._asdict(), samples.order_parameters._asdict(), 0.0
     for metric in METRICS:
         name = metric.key
@@ -181,7 +181,7 @@ def _draw_order_parameters(axes: Axes, scenario: Scenario, samples: Samples) -> 
 
 
 def _draw_nearest(axes: Axes, flights: Sequence[AnyFlight], samples: list[Samples], names: list[str]) -> None:
-    """The smallest distance between two drones, and where a collision begins."""
+    """Draw the smallest distance between two drones, and the collision distance."""
     for number, (flown, name) in enumerate(zip(samples, names, strict=True)):
         axes.plot(flown.t, flown.nearest, color=FLIGHTS[number], linewidth=0.8, alpha=0.85, label=name)
     limit = flights[0].scenario.r_coll
@@ -194,13 +194,13 @@ def _draw_nearest(axes: Axes, flights: Sequence[AnyFlight], samples: list[Sample
 
 
 def _draw_speeds(axes: Axes, flights: Sequence[AnyFlight], samples: list[Samples], names: list[str]) -> None:
-    """The mean speed, and how far apart the slowest and the fastest drone are."""
+    """Draw the mean speed, and the range from the slowest to the fastest drone."""
     for number, (flown, name) in enumerate(zip(samples, names, strict=True)):
         speed = np.linalg.norm(flown.velocity, axis=-1)
         axes.fill_between(flown.t, speed.min(axis=1), speed.max(axis=1), color=FLIGHTS[number], alpha=0.16, linewidth=0)
         axes.plot(flown.t, speed.mean(axis=1), color=FLIGHTS[number], linewidth=1.3, label=f"{name}: mean")
-    wanted = flights[0].scenario.v_flock
-    axes.axhline(wanted, color=_LIMIT, linestyle=(0, (5, 3)), linewidth=1.1, label=f"v_flock = {wanted:g} m/s")
+    v_flock = flights[0].scenario.v_flock
+    axes.axhline(v_flock, color=_LIMIT, linestyle=(0, (5, 3)), linewidth=1.1, label=f"v_flock = {v_flock:g} m/s")
     axes.set(xlabel="time, s", ylabel="speed, m/s", ylim=(0, None))
     axes.set_xlim(0, max(flown.t[-1] for flown in samples) or 1)
     axes.set_title("Speed of the drones")
@@ -209,7 +209,7 @@ def _draw_speeds(axes: Axes, flights: Sequence[AnyFlight], samples: list[Samples
 
 
 def _legend_below(axes: Axes, columns: int, handles: list[Any] | None = None) -> None:
-    """A legend under the label of the x axis, however high the axes are."""
+    """Add a legend at a fixed distance below the x axis, independent of the axes' height."""
     below = axes.transAxes + ScaledTranslation(0, -0.44, axes.get_figure().dpi_scale_trans)  # type: ignore[union-attr]
     style: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.0, "columnspacing": 1.4, "handlelength": 2.4}
     axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, 0), bbox_transform=below, **style)

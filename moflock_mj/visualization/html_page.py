@@ -1,4 +1,4 @@
-"""A flight, or two in one arena, as one HTML page: a 3D replay with a time slider that needs no network."""
+"""HTML page of one flight, or two in one arena: an offline 3D replay with a time slider."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from moflock_mj.visualization.colours import LegendEntry
 from moflock_mj.visualization.playback import Playback, Track, playback_of
 
 _MAX_FRAMES = 3000
-"""Frames of a page; a longer flight is shown at fewer frames a second."""
+"""Maximum number of frames of a page; a longer flight has a lower frame rate."""
 
 _MARKER_SHARE = 1 / 28
-"""Length of a marker as a share of the arena's side; a drone of its true size would be a pixel wide."""
+"""Length of a marker as a share of the arena's side; a drone to scale would be one pixel wide."""
 
 _TRAIL_PIECES = 24
 _TRAIL_SECONDS = 10.0
@@ -36,12 +36,12 @@ _GRID = (70, 80, 92)
 def write_page(
     flights: AnyFlight | Sequence[AnyFlight], out: str | os.PathLike[str], *, colour: str = "danger"
 ) -> None:
-    """Write the page of one flight, or of two to be compared.
+    """Write the page of one flight, or of two to compare.
 
     Args:
-        flights: flights with samples; two share one arena, and each has its own colour.
-        out: the file, .html.
-        colour: what the drones' colour tells, "danger" or "speed".
+        flights: one or two flights with samples, in one arena; each of two has its own colour.
+        out: file to write, .html.
+        colour: quantity shown by the drones' colour, "danger" or "speed".
 
     Raises:
         RenderError: no samples, more than two flights, viser is not installed, or the file cannot be written.
@@ -51,16 +51,16 @@ def write_page(
     playback = playback_of(flights, colour=colour, names=names)
     page = _record(playback)
     with new_file(out) as place:
-        place.write_text(_with_words(page, playback, flights, names), encoding="utf-8")
+        place.write_text(_add_captions(page, playback, flights, names), encoding="utf-8")
 
 
 def _record(playback: Playback) -> str:
-    """The replay as viser's own page."""
+    """Record the replay as a page of viser."""
     try:
         import viser  # noqa: PLC0415 - an extra
     except ImportError as problem:
         raise RenderError("html: viser is not installed; pip install 'moflock-mj[html]'") from problem
-    # The recording is made by a server, to which nobody connects; the system chooses its port. It speaks on stdout.
+    # The recording needs a server, without any client, on a free port. The server prints to stdout.
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
@@ -80,13 +80,13 @@ def _record(playback: Playback) -> str:
 
 
 def frame_times(playback: Playback) -> NDArray[np.float64]:
-    """Times of the frames, s: those of the samples, or as many as a page should have."""
+    """Times of the frames, s: one per sample, up to `_MAX_FRAMES`."""
     samples = max(track.t.size for track in playback.tracks)
     return np.linspace(playback.begin, playback.end, min(samples, _MAX_FRAMES))
 
 
 class _Flock:
-    """The drones of one flight in viser's scene: darts that point along their velocity, and trails."""
+    """Drones of one flight in viser's scene: darts that point along the velocity, and trails."""
 
     def __init__(self, scene: Any, number: int, track: Track, playback: Playback) -> None:
         self._track = track
@@ -120,7 +120,7 @@ class _Flock:
         self._corner = first.position
 
     def show(self, frame: int, time: float) -> None:
-        """Move the drones to where they are at a time in s; now and then, add a piece to the trails."""
+        """Move the drones to their positions at a time, s, and extend the trails at intervals."""
         now = self._track.at(time)
         self._darts.batched_positions = now.position
         self._darts.batched_wxyzs = _along(now.velocity)
@@ -133,7 +133,7 @@ class _Flock:
 
 
 def marker_length(playback: Playback) -> float:
-    """Length of a drone's marker, m: legible with the whole arena in view, and no less than the drone itself."""
+    """Length of a drone's marker, m: visible with the whole arena in view, and not smaller than the drone."""
     return max(float(np.ptp(playback.outline, axis=0).max()) * _MARKER_SHARE, 1.5 * playback.drone_width)
 
 
@@ -143,33 +143,33 @@ def _frame_period(playback: Playback) -> float:
 
 
 def _dart(length: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """A dart along x of a length in m, its middle at the origin: corners (5, 3) and faces (6, 3)."""
+    """Mesh of a dart along x with a length in m, centred at the origin: corners, (5, 3), and faces, (6, 3)."""
     corners = np.array([[0.5, 0, 0], [-0.5, 0.32, 0], [-0.5, -0.32, 0], [-0.3, 0, 0.18], [-0.3, 0, -0.1]])
     faces = np.array([[0, 1, 3], [0, 3, 2], [1, 2, 3], [0, 4, 1], [0, 2, 4], [1, 4, 2]])
     return (length * corners).astype(np.float32), faces.astype(np.uint32)
 
 
 def _along(velocity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Rotations about z that turn x towards the velocity: (N, 4), wxyz, of (N, 3), m/s."""
+    """Quaternions about z that turn x towards the velocity, (N, 4), wxyz; velocity: (N, 3), m/s."""
     half = np.arctan2(velocity[:, 1], velocity[:, 0]) / 2
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1).astype(np.float32)
 
 
 def _pair(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The colour of each line's two ends: (N, 2, 3) of (N, 3)."""
+    """Colours of both ends of each line, (N, 2, 3); rgb: (N, 3)."""
     return np.repeat(_linear(rgb)[:, None], 2, axis=1)
 
 
 def _linear(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Colours as the page's renderer takes them where it takes many: linear in light, not in what the eye sees."""
+    """Convert sRGB colours to the linear colours that the renderer expects for batches."""
     return np.asarray((255 * (rgb / 255) ** 2.2).round(), np.uint8)
 
 
 def _draw_arena(scene: Any, playback: Playback) -> None:
-    """The walls' edges, a grid of 50 m or so on the ground, and how large the arena is."""
+    """Draw the edges of the walls, and a grid of a tenth of the arena on the ground."""
     scene.set_up_direction("+z")
-    # Lamps would wash out the colours, which are what the drones tell.
+    # Directional lights would change the drones' colours, which carry information.
     scene.configure_default_lights(enabled=False)
     scene.add_light_ambient("/light", intensity=1.0)
     scene.set_background_image(np.full((2, 2, 3), _BACKGROUND, np.uint8), format="png")
@@ -195,7 +195,7 @@ def _draw_arena(scene: Any, playback: Playback) -> None:
 
 
 def _place_camera(server: Any, playback: Playback) -> None:
-    """Look at the whole arena from the south and from above."""
+    """Place the camera in the south and above, with the whole arena in view."""
     low, high = playback.outline.min(axis=0), playback.outline.max(axis=0)
     side, middle = float(np.max(high - low)), (low + high) / 2
     server.initial_camera.position = (middle[0], middle[1] - 0.78 * side, 0.66 * side)
@@ -212,32 +212,35 @@ _STYLE = """<style>
 </style>"""
 
 
-def _with_words(page: str, playback: Playback, flights: Sequence[AnyFlight], names: list[str]) -> str:
-    """The page with a title, the flights' figures and what the colours mean."""
+def _add_captions(page: str, playback: Playback, flights: Sequence[AnyFlight], names: list[str]) -> str:
+    """Add a title, the flights' figures and the legend to the page."""
     title = html.escape(" and ".join(names))
-    told = [
+    parts = [
         f"<p>{_name(name, number, playback)}{html.escape(conditions(flight))}<br>{html.escape(figures(flight))}</p>"
         for number, (name, flight) in enumerate(zip(names, flights, strict=True))
     ]
     key = "".join(f"<div>{_key(entry)}</div>" for entry in playback.legend)
     times = marker_length(playback) / playback.drone_width
-    note = f"Markers are {marker_length(playback):.3g} m long, {times:.0f} times a drone, and point along its velocity."
-    told.append(f"{key}<small>{note} Trails: {_TRAIL_SECONDS:g} s.</small>")
-    words = f'<details id="flight" open><summary>{title}</summary>{"".join(told)}</details>'
+    note = (
+        f"Markers are {marker_length(playback):.3g} m long, {times:.0f} times the size of a drone, "
+        "and point along its velocity."
+    )
+    parts.append(f"{key}<small>{note} Trails: {_TRAIL_SECONDS:g} s.</small>")
+    panel = f'<details id="flight" open><summary>{title}</summary>{"".join(parts)}</details>'
     before, body, after = page.partition("<body>")
     if not body:
-        raise RenderError("html: viser's page has no <body>, must have one; another release of viser is needed")
+        raise RenderError("html: viser's page has no <body>; it must have one: install another release of viser")
     head = f"<title>{title} - moflock</title>{_STYLE}"
     before = re.sub("<title>.*?</title>", lambda _: head, before, count=1)
-    return f"{before}{body}{words}{after}"
+    return f"{before}{body}{panel}{after}"
 
 
 def _name(name: str, number: int, playback: Playback) -> str:
-    """A compared flight's name in its colour; that of a single one already stands above."""
+    """Name of a compared flight in its colour; empty for a single flight, whose name is the title."""
     if len(playback.tracks) == 1:
         return ""
     scale = playback.legend[number]
-    # A scale of speeds begins with dark shades; one of dangers with the flight's own.
+    # A speed scale begins with a dark shade, a danger scale with the flight's own colour.
     tone = scale.rgb[1] if scale.bounds[0] == 0 else scale.rgb[0]
     return f'<b style="color:{_css(tone)}">{html.escape(name)}</b><br>'
 
@@ -247,7 +250,7 @@ def _css(rgb: Sequence[int]) -> str:
 
 
 def _key(entry: LegendEntry) -> str:
-    """One line of the legend: a colour, or a scale with its bounds."""
+    """Line of the legend: a colour, or a scale with its bounds."""
     label = html.escape(entry.label)
     tones = [_css(rgb) for rgb in entry.rgb]
     if not entry.bounds:

@@ -1,4 +1,4 @@
-"""Serves a flight to Foxglove and Lichtblick while it flies: the topics of its log, on this machine only."""
+"""Live server of a running flight for Foxglove and Lichtblick on this machine, with the topics of its log."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from moflock_mj.simulation.simulation import Simulation
 
 HOST = "127.0.0.1"
 PORT = 8765
-"""Where Foxglove and Lichtblick look for a server."""
+"""Default port of Foxglove and Lichtblick."""
 
-_STILL = ("/scene", "/arena")
-_SILENT = ("/sim/state", "/mavlink")
+_STATIC = ("/scene", "/arena")
+_NOT_SERVED = ("/sim/state", "/mavlink")
 
 
 class LiveServer:
-    """A WebSocket server that follows a flock; a context manager, to which `fly` hands each second of flight.
+    """WebSocket server of a simulation; a context manager and observer of `fly`.
 
-    Samples are shown when they are due: the flight waits for the clock. Nothing is encoded as long as nobody watches.
+    Samples are sent when they are due, so that the flight waits for the clock. Nothing is encoded without a viewer.
 
     Args:
-        simulation: what it follows.
-        port: where it listens on 127.0.0.1; 0 lets the system choose.
-        speed: simulated seconds in a second; infinite for as fast as can be.
+        simulation: the simulation.
+        port: port on 127.0.0.1; 0 for any free port.
+        speed: simulated seconds per real second; infinite for no limit.
 
     Raises:
         RenderError: foxglove-sdk is not installed, the port is taken, or the speed is not above 0.
@@ -46,12 +46,12 @@ class LiveServer:
 
     def __init__(self, simulation: Simulation, *, port: int = PORT, speed: float = 1.0) -> None:
         if not speed > 0:
-            raise RenderError(f"live speed: {speed:g} given, must be above 0")
+            raise RenderError(f"live speed: {speed:g} is out of bounds: it must be above 0")
         foxglove = _foxglove()
         self._simulation, self._speed = simulation, speed
         drones, scenario = simulation.scenario.drones, simulation.scenario
         outline, radius = simulation.arena.outline(), load_airframe(scenario.airframe).radius
-        self._still = {
+        self._static = {
             "/scene": scene(outline, scenario.altitude, drones, radius).SerializeToString(),
             "/arena": arena_points(outline, scenario.altitude).SerializeToString(),
         }
@@ -60,35 +60,35 @@ class LiveServer:
             "/tf": transforms_record(drones),
             "/metrics": metrics_record(),
         }
-        # The channels and the server hold it weakly.
+        # The channels and the server only hold weak references to the context.
         self._context = context = foxglove.Context()
         self._channels = {
             topic: _channel(foxglove, context, topic, message)
             for topic, message in CHANNELS.items()
-            if topic not in _SILENT
+            if topic not in _NOT_SERVED
         }
-        self._newcomers: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._server = _start(foxglove, context, port, _Greeter(self._newcomers))
+        self._subscriptions: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._server = _start(foxglove, context, port, _SubscriptionListener(self._subscriptions))
         self._began = math.nan
         self._ticks = 0
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port of the server."""
         return int(self._server.port)
 
     @property
     def needs_states(self) -> bool:
-        """Whether somebody is connected and watches, so that the next samples are to be flown with whole states."""
+        """Whether a viewer is subscribed, so that the next samples must include whole states."""
         return any(channel.has_sinks() for channel in self._channels.values())
 
     def write(self, time_ns: NDArray[np.int64], record: SampleBuffer, events: list[FlightEvent]) -> None:
-        """Show some samples and the events in them, each when it is due.
+        """Send samples and their events, each when it is due.
 
         Args:
-            time_ns: (K,), their simulated times.
-            record: them; without whole states they are not shown, but waited for.
-            events: what happened in them.
+            time_ns: simulated times of the samples, (K,), ns.
+            record: samples; without whole states they are not sent, but still paced.
+            events: events in these samples.
         """
         if math.isnan(self._began):
             self._began = time.monotonic() - int(time_ns[0]) * 1e-9 / self._speed
@@ -99,10 +99,10 @@ class LiveServer:
         self._ticks += len(time_ns)
 
     def finish(self, record: SampleBuffer) -> None:
-        """Nothing: all has been shown."""
+        """No-op: all samples have been sent."""
 
     def store_state(self) -> None:
-        """Nothing: who watches does not resume."""
+        """No-op: a live view is never resumed."""
 
     def __enter__(self) -> Self:
         return self
@@ -115,9 +115,9 @@ class LiveServer:
     def _show(self, block: SampleBlock, events: list[FlightEvent]) -> None:
         """Send each sample when it is due."""
         messages, waiting = self._messages(block), collections.deque(events)
-        while not self._newcomers.empty():
-            topic = self._newcomers.get()
-            self._channels[topic].log(self._still[topic], log_time=int(block.time_ns[0]))
+        while not self._subscriptions.empty():
+            topic = self._subscriptions.get()
+            self._channels[topic].log(self._static[topic], log_time=int(block.time_ns[0]))
         for k, time_ns in enumerate(block.time_ns.tolist()):
             self._await(time_ns)
             self._server.broadcast_time(time_ns)
@@ -134,7 +134,7 @@ class LiveServer:
             time.sleep(wait)
 
     def _messages(self, block: SampleBlock) -> dict[str, list[bytes]]:
-        """The messages of each topic, one for each sample."""
+        """Encode the messages of each topic, one per sample."""
         count = len(block.time_ns)
         stamps = timestamps(block.time_ns)
         rows = {topic: record.rows(count) for topic, record in self._records.items()}
@@ -144,18 +144,18 @@ class LiveServer:
         return {topic: [row.tobytes() for row in messages] for topic, messages in rows.items()}
 
 
-class _Greeter:
-    """Notes who subscribes to what is sent only once."""
+class _SubscriptionListener:
+    """Listener that queues subscriptions to topics that are sent only once."""
 
-    def __init__(self, newcomers: queue.SimpleQueue[str]) -> None:
-        self._newcomers = newcomers
+    def __init__(self, subscriptions: queue.SimpleQueue[str]) -> None:
+        self._subscriptions = subscriptions
 
     def on_subscribe(self, client: Any, channel: Any) -> None:  # noqa: ARG002 - the server's signature
-        if channel.topic in _STILL:
-            self._newcomers.put(channel.topic)
+        if channel.topic in _STATIC:
+            self._subscriptions.put(channel.topic)
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
-        """Nothing: the server itself stops sending."""
+        """No-op: the server itself stops sending."""
 
 
 def _foxglove() -> Any:
@@ -172,7 +172,7 @@ def _channel(foxglove: Any, context: Any, topic: str, message: Any) -> Any:
     return foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=context)
 
 
-def _start(foxglove: Any, context: Any, port: int, listener: _Greeter) -> Any:
+def _start(foxglove: Any, context: Any, port: int, listener: _SubscriptionListener) -> Any:
     try:
         return foxglove.start_server(
             name="moflock",

@@ -1,4 +1,4 @@
-"""A flight as something to look at: where each drone is at a time, in which colour, and what a legend says of it."""
+"""Playback of flights: poses and colours of all drones as a function of time, with legend and events."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.visualization.colours import Legend, LegendEntry, colour_drones
 
 TRAIL_SECONDS = 10.0
-"""How far back a trail reaches, in s of the flight."""
+"""Duration of a trail, s of simulated time."""
 
 _TRAIL_PERIOD = 0.5
-"""Time between two corners of a trail, s; they stay where they are, so that a trail does not shimmer as it grows."""
+"""Time between two corners of a trail, s; corners keep their places, so that a growing trail does not flicker."""
 
 _MAX_FLIGHTS = 2
 _TRACK_ARRAYS = ("t", "position", "quaternion", "velocity", "rgb", "objectives")
 
 
 class Recorded(Protocol):
-    """What is asked of a flight: that of `fly`, or one read from a log.
+    """Interface of a recorded flight, from `fly` or from a log.
 
-    A flight may also have `quaternion`, (T, N, 4), wxyz, from body to world; else its drones are drawn upright. It may
-    have `log`, a path whose stem names it.
+    A flight can also have `quaternion`, (T, N, 4), wxyz, from body to world; otherwise its drones are drawn upright. It
+    can have `log`, a path whose stem names it.
     """
 
     @property
@@ -47,13 +47,13 @@ class Recorded(Protocol):
 
 
 class Moment(NamedTuple):
-    """A flock at one time.
+    """State of a flock at one time.
 
     Attributes:
-        position: (N, 3), m, world.
-        quaternion: (N, 4), wxyz, from body to world.
-        velocity: (N, 3), m/s, world.
-        rgb: (N, 3), u8.
+        position: positions, (N, 3), m, world.
+        quaternion: quaternions, (N, 4), wxyz, from body to world.
+        velocity: velocities, (N, 3), m/s, world.
+        rgb: colours, (N, 3), u8.
     """
 
     position: NDArray[np.float32]
@@ -64,17 +64,17 @@ class Moment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """One flight as it is drawn, T samples of N drones.
+    """One flight for drawing, with T samples of N drones.
 
     Attributes:
-        name: what the legend calls it.
-        airframe: of its drones.
-        t: (T,), s.
-        position: (T, N, 3), m, world.
-        quaternion: (T, N, 4), wxyz, from body to world.
-        velocity: (T, N, 3), m/s, world.
-        rgb: (T, N, 3), u8.
-        objectives: (T, 2), running F_1 and F_2.
+        name: name in the legend.
+        airframe: airframe of the drones.
+        t: times, (T,), s.
+        position: positions, (T, N, 3), m, world.
+        quaternion: quaternions, (T, N, 4), wxyz, from body to world.
+        velocity: velocities, (T, N, 3), m/s, world.
+        rgb: colours, (T, N, 3), u8.
+        objectives: running F_1 and F_2, (T, 2).
     """
 
     name: str
@@ -91,10 +91,10 @@ class Track:
         return int(self.position.shape[1])
 
     def at(self, time: float) -> Moment:
-        """The flock at a time in s: between samples on a straight line, beyond the first and the last at rest there."""
+        """Interpolate the flock linearly at a time, s; outside the samples it is the first or the last sample."""
         before, after, share = self._between(time)
         to = self.quaternion[after]
-        # A quaternion and its negative are one orientation; the shorter way leads to the one on this side.
+        # A quaternion and its negative are the same orientation; interpolate towards the closer one.
         side = np.where(np.sum(self.quaternion[before] * to, axis=-1, keepdims=True) < 0, -1, 1)
         quaternion = (1 - share) * self.quaternion[before] + share * side * to
         return Moment(
@@ -105,7 +105,7 @@ class Track:
         )
 
     def trail(self, time: float) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """The way of each drone up to a time in s: P + 1 corners (P + 1, N, 3), m, and colours between, (P, N, 3)."""
+        """Trail of each drone up to a time, s: corners, (P + 1, N, 3), m, and colours between them, (P, N, 3)."""
         time = float(np.clip(time, self.t[0], self.t[-1]))
         oldest = max(time - TRAIL_SECONDS, float(self.t[0]))
         corners = np.arange(np.ceil(oldest / _TRAIL_PERIOD) * _TRAIL_PERIOD, time - 1e-9, _TRAIL_PERIOD)
@@ -114,7 +114,7 @@ class Track:
         return np.concatenate([self.position[samples], head[None]]), self.rgb[samples]
 
     def _between(self, time: float) -> tuple[int, int, float]:
-        """The samples before and after a time, and the share of the way from one to the other."""
+        """Samples before and after a time, and the share of the interval between them."""
         after = int(np.clip(np.searchsorted(self.t, time), 0, self.t.size - 1))
         before = max(after - 1, 0)
         span = float(self.t[after] - self.t[before])
@@ -123,17 +123,17 @@ class Track:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Playback:
-    """One flight, or two in one arena, ready to be drawn.
+    """One flight, or two in one arena, ready for drawing.
 
     Attributes:
-        tracks: of the flights.
-        outline: (M, 2), m, world, corners of the arena in order.
-        altitude: m, at which the flocks fly.
-        v_flock: m/s, the speed that they strive for.
-        legend: what the colours mean.
-        events: time in s and a line about it, in order of time.
-        followed: the drone of the first flight that comes closest to another one.
-        drone_width: m, across the largest airframe.
+        tracks: tracks of the flights.
+        outline: corners of the arena in order, (M, 2), m, world.
+        altitude: altitude of the flocks, m.
+        v_flock: flocking speed, m/s.
+        legend: legend of the colours.
+        events: time, s, and text of each event, in order of time.
+        followed: number of the drone of the first flight that comes closest to another one.
+        drone_width: width of the largest airframe, m.
     """
 
     tracks: tuple[Track, ...]
@@ -156,12 +156,12 @@ class Playback:
         return float(max(track.t[-1] for track in self.tracks))
 
     def event_at(self, time: float, lasting: float) -> str:
-        """The latest event of the last `lasting` s before a time in s, or nothing."""
+        """Latest event within `lasting`, s, before a time, s, or an empty text."""
         recent = [text for when, text in self.events if time - lasting <= when <= time + 1e-9]
         return recent[-1] if recent else ""
 
     def save(self, folder: Path) -> None:
-        """Write it for other processes: JSON, and an .npy file per array, which they can map into memory."""
+        """Save the playback for other processes: JSON, and one .npy file per array, which can be memory-mapped."""
         plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         plain["outline"] = self.outline.tolist()
         plain["tracks"] = [{"name": track.name, "airframe": track.airframe} for track in self.tracks]
@@ -172,7 +172,7 @@ class Playback:
 
     @classmethod
     def load(cls, folder: Path) -> Playback:
-        """Read what `save` wrote."""
+        """Load a playback from `save`."""
         plain: dict[str, Any] = json.loads((folder / "playback.json").read_text(encoding="utf-8"))
         plain["tracks"] = tuple(
             Track(**about, **{name: np.load(folder / f"{number}_{name}.npy", mmap_mode="r") for name in _TRACK_ARRAYS})
@@ -186,12 +186,12 @@ class Playback:
 def playback_of(
     flights: Recorded | Sequence[Recorded], *, colour: str = "speed", names: Sequence[str] | None = None
 ) -> Playback:
-    """Prepare one flight, or two to be compared.
+    """Prepare the playback of one flight, or of two to compare.
 
     Args:
-        flights: flights with samples; two share one arena, and each has its own colour.
-        colour: what the drones' colour tells, "speed" or "danger".
-        names: of the flights; their logs' by default.
+        flights: one or two flights with samples, in one arena; each of two has its own colour.
+        colour: quantity shown by the drones' colour, "speed" or "danger".
+        names: names of the flights; by default those of their logs.
 
     Raises:
         RenderError: no samples, too many flights, different arenas, or an unknown colour.
@@ -223,16 +223,18 @@ def playback_of(
 
 
 def _check_flights(flights: list[Recorded]) -> list[Samples]:
-    """The samples of flights that can be drawn together."""
+    """Check that flights can be drawn together; returns their samples."""
     if not 1 <= len(flights) <= _MAX_FLIGHTS:
-        raise RenderError(f"flights: {len(flights)} given, must be 1 to {_MAX_FLIGHTS}")
+        raise RenderError(f"flights: {len(flights)} given: there must be 1 to {_MAX_FLIGHTS}")
     arenas = {flight.scenario.arena for flight in flights}
     if len(arenas) > 1:
         first, second = (flight.scenario.arena.title for flight in flights)
-        raise RenderError(f"flights: one is in a {first}, the other in a {second}; they must share one arena")
+        raise RenderError(f"flights: one is in a {first}, the other in a {second}: they must share one arena")
     samples = [flight.samples for flight in flights if flight.samples is not None and flight.samples.t.size]
     if len(samples) < len(flights):
-        raise RenderError("flights: one has no samples, must have 1 or more; fly with keep_samples, or read its log")
+        raise RenderError(
+            "flights: one has no samples: it must have at least 1; fly with keep_samples, or read its log"
+        )
     return samples
 
 
@@ -242,7 +244,7 @@ def _name(flight: Recorded, number: int) -> str:
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """The names, numbered where two are the same."""
+    """The names, numbered if two are equal."""
     if len(set(names)) == len(names):
         return list(names)
     return [f"{name} ({number})" for number, name in enumerate(names, start=1)]

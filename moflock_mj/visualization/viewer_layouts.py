@@ -1,4 +1,4 @@
-"""Takes out of a log what viewers need: a layout for Foxglove and Lichtblick, a blueprint for Rerun."""
+"""Export of viewer layouts from a log: a layout for Foxglove and Lichtblick, a blueprint for Rerun."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ from moflock_mj.log.reader import LoggedFlight, read_log
 from moflock_mj.log.rerun_blueprint import APPLICATION
 
 _PATIENCE = 600
-"""Seconds that Rerun has to convert a log; it takes 2 for 600 s of 30 drones."""
+"""Time for Rerun to convert a log, s; it takes 2 s for 600 s of 30 drones."""
 
 
 _LARGEST_BLUEPRINT = 1 << 24
-"""Bytes; ours has 200 thousand."""
+"""Maximum size of a blueprint, bytes; ours has about 200 kB."""
 
 
 def export_layouts(log: LoggedFlight | str | os.PathLike[str], folder: str | os.PathLike[str]) -> list[Path]:
-    """Write a log's layout.json and blueprint.rbl into a folder; where Rerun is installed, NAME.rrd as well.
+    """Write a log's layout.json and blueprint.rbl to a folder, and NAME.rrd if Rerun is installed.
 
-    Foxglove and Lichtblick import the layout. Rerun applies the blueprint to a log that is open already. NAME.rrd is
-    the log with the blueprint in it, which Rerun shows as it should without more ado.
+    Foxglove and Lichtblick import the layout. Rerun applies the blueprint to a log that is already open. NAME.rrd
+    contains the log and the blueprint, so that Rerun shows it with the blueprint applied.
 
     Args:
-        log: a flight that was read from its log, or the log's path.
-        folder: where they go; it is made.
+        log: a logged flight, or the path of its log.
+        folder: folder of the files; it is created if it does not exist.
 
     Returns:
-        What was written.
+        Paths of the written files.
 
     Raises:
-        RenderError: the log holds no layout, Rerun cannot convert it, or a file cannot be written.
+        RenderError: the log has no layout, Rerun cannot convert it, or a file cannot be written.
         LogError: the log cannot be read.
     """
     flight = log if isinstance(log, LoggedFlight) else read_log(Path(log))
     missing = [name for name in (LAYOUT_NAME, BLUEPRINT_NAME) if name not in flight.attachments]
     if missing:
-        raise RenderError(f"layouts: {flight.log} has no attachment {missing[0]}; another release has written it")
+        raise RenderError(f"layouts: {flight.log} has no attachment {missing[0]}: it was written by another release")
     layout, blueprint = Path(folder) / LAYOUT_NAME, Path(folder) / BLUEPRINT_NAME.removesuffix(".gz")
     written = [layout, blueprint]
-    with contextlib.ExitStack() as places:  # all of them appear, or none
+    with contextlib.ExitStack() as places:  # all files appear, or none
         layout_place, blueprint_place = (places.enter_context(new_file(path)) for path in written)
         layout_place.write_bytes(flight.attachments[LAYOUT_NAME])
         blueprint_place.write_bytes(_unpacked(flight.attachments[BLUEPRINT_NAME]))
@@ -64,7 +64,7 @@ def export_layouts(log: LoggedFlight | str | os.PathLike[str], folder: str | os.
 
 
 def _rerun(*arguments: str) -> None:
-    """Run Rerun's own command."""
+    """Run the command of Rerun."""
     command = [sys.executable, "-m", "rerun_cli", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
     if ended.returncode:
@@ -73,7 +73,7 @@ def _rerun(*arguments: str) -> None:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """A gzip file's content, if it is as small as a blueprint is."""
+    """Unpack a gzip file of at most `_LARGEST_BLUEPRINT` bytes."""
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
             content = file.read(_LARGEST_BLUEPRINT + 1)

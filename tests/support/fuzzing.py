@@ -55,7 +55,7 @@ def changeable_state(vehicle):
         vehicle.phase,
         vehicle.home,
         vehicle.setpoint,
-        vehicle.ground_heard,
+        vehicle.ground_heartbeat,
         [(name, parameters[name]) for name in names],
         tuple(vehicle.fence.items),
         vehicle.shapes,

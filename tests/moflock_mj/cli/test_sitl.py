@@ -97,5 +97,5 @@ def test_a_program_that_ends_at_once_is_one_line(tmp_path):
     wish = ["--physics-for", "ardupilot", "--physics-port", "0", "--autopilot-command", "false"]
     done = run("fleet", *wish, cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("moflock: autopilot 0: it has ended with status 1: see logs/")
+    assert done.stderr.startswith("moflock: autopilot 0: its program ended with status 1: see logs/")
     assert done.stderr.count("\n") == 1

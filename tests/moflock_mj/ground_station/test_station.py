@@ -287,7 +287,7 @@ def test_heartbeats_stop_when_the_controller_says_so():
         return fleet.stations[0].vehicle
 
     vehicle = rehearse(fleet, story)
-    assert vehicle.time - vehicle.ground_heard == pytest.approx(5.0, abs=1.05)
+    assert vehicle.time - vehicle.ground_heartbeat == pytest.approx(5.0, abs=1.05)
 
 
 def test_sockets_and_a_stream():

@@ -25,7 +25,7 @@ def test_a_text():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "must be key=value"),
+        ("", "it must be key=value"),
         ("vehicle=1", "kind: ''.*one of gps_loss"),
         ("kind=link_loss", "share: is missing: link_loss needs it"),
         ("kind=gps_loss,share=1", "share: 1.0 does not apply to gps_loss"),
@@ -51,7 +51,7 @@ def test_a_file(tmp_path):
     )
     assert [fault.kind for fault in load_faults(path)] == ["cannot_transmit", "link_delay"]
     path.write_text("vehicle = 1")
-    with pytest.raises(FleetError, match="nothing but tables"):
+    with pytest.raises(FleetError, match="only tables"):
         load_faults(path)
     path.write_text("[[faults")
     with pytest.raises(FleetError, match="not TOML"):
@@ -71,7 +71,7 @@ def test_a_silent_vehicle_neither_sends_nor_hears_and_comes_back():
     station.received.clear()
     station.wait(4.9)
     assert not station.received
-    assert station.station.vehicle.ground_heard < 6
+    assert station.station.vehicle.ground_heartbeat < 6
     station.wait(2.0)
     assert len(station.received["HEARTBEAT"]) == 2
 

@@ -43,14 +43,14 @@ def test_autopilots_pairs_turn_the_body_as_they_expect(airframe, stronger, axis)
 def test_a_rotor_that_turns_the_other_way_is_refused():
     x500 = load_airframe("x500")
     turned = dataclasses.replace(x500, yaw_ratio=tuple(-ratio for ratio in x500.yaw_ratio))
-    with pytest.raises(AirframeError, match=r"rotor front right is 0\.016: autopilots have it turn anticlock"):
+    with pytest.raises(AirframeError, match=r"rotor front right is 0\.016: it must turn anticlock"):
         rotor_order(turned)
 
 
 def test_a_plus_is_refused():
     x500 = load_airframe("x500")
     plus = dataclasses.replace(x500, rotor_positions=((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25)))
-    with pytest.raises(AirframeError, match="it has 0 rotors front right: a quad X has 1"):
+    with pytest.raises(AirframeError, match="0 rotors front right: a quad X must have 1"):
         rotor_order(plus)
 
 

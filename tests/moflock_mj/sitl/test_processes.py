@@ -32,7 +32,10 @@ def test_a_relative_program_is_where_moflock_was_started(tmp_path, monkeypatch):
     [
         ("", "it is empty"),
         ("copter '", "No closing quotation"),
-        ("copter {model}", "placeholder 'model' is unknown: there are instance, sysid, port, home, speed, here"),
+        (
+            "copter {model}",
+            "placeholder 'model' is unknown: it must be one of instance, sysid, port",
+        ),
         ("copter {0}", "autopilot-command: "),
         ("copter {", "autopilot-command: "),
     ],
@@ -86,13 +89,13 @@ def test_a_second_ctrl_c_while_programs_end_leaves_none(tmp_path, monkeypatch):
         patch.setattr("moflock_mj.sitl.processes.time.sleep", nap)
         with pytest.raises(KeyboardInterrupt):
             programs.end()
-    assert programs.ended(0) == f"it has ended with signal 9: see {tmp_path / '0' / 'output.txt'}"
+    assert programs.ended(0) == f"its program ended with signal 9: see {tmp_path / '0' / 'output.txt'}"
 
 
 def test_how_a_program_has_ended(tmp_path):
     with Processes([[sys.executable, "-c", "print('no'); raise SystemExit(3)"]], tmp_path) as programs:
         wait_until(lambda: programs.ended(0) is not None)
-        assert programs.ended(0) == f"it has ended with status 3: see {tmp_path / '0' / 'output.txt'}"
+        assert programs.ended(0) == f"its program ended with status 3: see {tmp_path / '0' / 'output.txt'}"
     assert (tmp_path / "0" / "output.txt").read_text() == "no\n"
 
 

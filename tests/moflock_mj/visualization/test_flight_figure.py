@@ -88,7 +88,7 @@ def test_what_cannot_be_drawn_is_refused_in_one_line(flight: Flight, tmp_path: P
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.png").mkdir()
     for flights, out, reason in (
-        (flight, "a.gif", r"a\.gif: its name ends in '\.gif'.*one of \.png, \.svg, \.pdf"),
+        (flight, "a.gif", r"a\.gif: extension '\.gif'.*one of \.png, \.svg, \.pdf"),
         ([flight] * 3, "a.png", "flights: 3 given.*1 to 2"),
         (dataclasses.replace(flight, samples=None), "a.png", "samples: the flight has none"),
         (flight, "file/a.png", "file/a.png: "),

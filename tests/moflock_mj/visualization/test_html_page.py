@@ -44,8 +44,8 @@ def test_page_has_the_figures_and_what_its_colours_mean(page: Path) -> None:
         "8 point masses",
         "seed 1",
         "F_1 = ",
-        "has touched",
-        "times a drone",
+        "had a contact",
+        "times the size of a drone",
     ):
         assert part in text
     assert len(text) < 2_000_000

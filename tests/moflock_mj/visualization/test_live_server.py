@@ -145,5 +145,5 @@ def test_a_taken_port_and_a_bad_speed_are_refused_in_one_line() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(RenderError, match=rf"^live: port {port} of 127\.0\.0\.1: .+$"):
             LiveServer(simulation(), port=port)
-    with pytest.raises(RenderError, match=r"live speed: 0 given.*above 0"):
+    with pytest.raises(RenderError, match=r"live speed: 0 .*above 0"):
         LiveServer(simulation(), port=0, speed=0.0)

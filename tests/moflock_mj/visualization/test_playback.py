@@ -13,7 +13,7 @@ from moflock_mj.errors import RenderError
 from moflock_mj.log.schemas import STATUS_RGBA
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE, TOUCHED
 from moflock_mj.rendering.cameras import CAMERAS, View, camera_path
-from moflock_mj.rendering.scene import SceneDecorator, grid_cell, pose, room_for, stage_model
+from moflock_mj.rendering.scene import SceneDecorator, geom_capacity, grid_cell, pose, stage_model
 from moflock_mj.visualization.colours import clearances, danger_colours
 from moflock_mj.visualization.playback import Playback, playback_of
 
@@ -135,7 +135,7 @@ def test_two_flocks_of_different_airframes_share_a_stage(flight):
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_markers_trails_and_walls_fit_into_the_scene(playback, camera):
     model = stage_model(playback)
-    scene = mujoco.MjvScene(model, room_for(playback))
+    scene = mujoco.MjvScene(model, geom_capacity(playback))
     view = camera_path(playback, camera, 16 / 9, 1.0)(15.0)
     SceneDecorator(playback, scene).paint(15.0, [playback.tracks[0].at(15.0)], view)
     assert 5 * 20 < scene.ngeom < scene.maxgeom
