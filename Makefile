@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 TESTABLE := $(VENV)/testable
 
-.PHONY: fly test bench fidelity pictures paper validation physics format clean
+.PHONY: fly test test-fast test-mujoco3 docs bench fidelity pictures paper validation physics format clean
 
 fly: $(INSTALLED)  ## fly the default flock on MuJoCo physics
 	$(BIN)/moflock fly
@@ -16,6 +16,16 @@ test: $(TESTABLE)  ## lint, types, import rule, tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n auto -q
+
+test-fast: $(TESTABLE)  ## the tests that need no real program and no long flight
+	$(BIN)/pytest -n auto -q -m "not slow"
+
+test-mujoco3: $(TESTABLE)  ## the tests of the bodies on the older major version of MuJoCo
+	$(BIN)/python -m pip install --quiet --no-deps --upgrade --target $(VENV)/mujoco3 mujoco==3.17.0
+	PYTHONPATH=$(VENV)/mujoco3 $(BIN)/pytest -n auto -q tests/moflock_mj/dynamics tests/controllers/flight_control
+
+docs: $(TESTABLE)  ## the documentation as a site: site/index.html; refuses broken links
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: $(TESTABLE)  ## timings, on one core
 	$(BIN)/python -m tests.benchmarks
@@ -40,7 +50,7 @@ format: $(TESTABLE)  ## format the sources
 	$(BIN)/ruff format .
 
 clean:  ## remove what was built; flights in logs/ stay
-	rm -rf $(VENV) dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) dist site .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(INSTALLED): pyproject.toml constraints.txt

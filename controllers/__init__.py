@@ -1,1 +1,1 @@
-"""What runs on a drone: flocking policy, velocity, attitude and rate loops, rotors; and the design of their gains."""
+"""On-board control of a drone: flocking policies, velocity, attitude and rate loops, mixer, and gain design."""

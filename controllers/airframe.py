@@ -1,38 +1,38 @@
-"""What a controller knows of its vehicle."""
+"""Airframe: the model of the vehicle that controllers are designed for."""
 
 from __future__ import annotations
 
 import dataclasses
 
 GRAVITY = 9.81
-"""m/s^2, as in the flock\'s model."""
+"""Gravitational acceleration, m/s^2."""
 
 ROTORS = 4
-"""Rotors of a vehicle."""
+"""Number of rotors of a vehicle."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Airframe:
-    """A quadrotor: four parallel rotors that push along the body's z axis (x forward, y left, z up).
+    """A quadrotor: four parallel rotors with thrust along the body's z axis (x forward, y left, z up).
 
     Attributes:
-        name: file of models/, without .xml.
-        mass: kg.
-        inertia: (3,), kg m^2, about the centre of mass, along the body's axes.
-        rotor_positions: (4, 2), m, x and y of each rotor's axis in the body frame, from the centre of mass.
-        yaw_ratio: (4,), m, torque about the body's z axis per thrust (N m / N); positive for a rotor that turns
+        name: name of the file in models/, without .xml.
+        mass: mass, kg.
+        inertia: (3,), moments of inertia about the centre of mass, body axes, kg m^2.
+        rotor_positions: (4, 2), x and y of each rotor's axis from the centre of mass, body frame, m.
+        yaw_ratio: (4,), torque about the body's z axis per thrust, m (N m / N); positive for a rotor that turns
             clockwise seen from above, whose drag turns the body anticlockwise.
-        thrust_max: N, of one rotor.
-        rotor_lag: s, time constant of the first-order lag from commanded to actual thrust.
-        drag_area: m^2, drag coefficient times reference area of the body.
-        rotor_drag: 1/s, drag of the rotors in hover, over mass and speed along the rotor plane.
-        rotor_radius: m.
-        rotor_efficiency: ideal power of hover (momentum theory) over the power that the battery gives for it.
-        battery_cells: lithium polymer cells in series.
-        battery_capacity: C, charge of a full battery.
-        battery_resistance: ohm, of the whole battery.
-        radius: m, of the flat collision cylinder around body and rotors.
-        half_height: m, of the same cylinder.
+        thrust_max: maximum thrust of one rotor, N.
+        rotor_lag: time constant of the first-order lag from commanded to actual thrust, s.
+        drag_area: drag coefficient times reference area of the body, m^2.
+        rotor_drag: drag of the rotors in hover, divided by mass and by speed along the rotor plane, 1/s.
+        rotor_radius: radius of one rotor, m.
+        rotor_efficiency: ideal hover power (momentum theory) divided by the electrical power of hover.
+        battery_cells: number of lithium polymer cells in series.
+        battery_capacity: charge of a full battery, C.
+        battery_resistance: internal resistance of the whole battery, ohm.
+        radius: radius of the flat collision cylinder around body and rotors, m.
+        half_height: half height of the same cylinder, m.
     """
 
     name: str
@@ -57,5 +57,5 @@ class Airframe:
         return self.mass * GRAVITY / ROTORS
 
     def thrust_to_weight(self) -> float:
-        """Thrust of all rotors over weight."""
+        """Thrust-to-weight ratio: maximum thrust of all rotors divided by weight."""
         return self.thrust_max / self.hover_thrust()

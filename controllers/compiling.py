@@ -1,7 +1,7 @@
-"""How the project compiles its kernels: one decorator, one way to choose a stage by type, a cache never stale.
+"""Compilation of the project's kernels: decorators, stages that dispatch on a type, and a disk cache.
 
-Numba's own disk cache looks at the file of the compiled function alone, and would go on using a flight loop whose
-policy has been edited in another file. The locators below mix every source file of the project into the stamp.
+Numba's own disk cache checks the source file of the compiled function only. It would keep using a flight loop after an
+edit of a policy in another file. The cache locators below include every source file of the project in the stamp.
 """
 
 from __future__ import annotations
@@ -15,12 +15,30 @@ import numba
 from numba.core import caching
 from numba.extending import overload
 
-SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in ("controllers", "moflock_mj"))
-"""Folders whose files, and those of their sub-packages, may hold kernels: an edit in any of them compiles all anew."""
+_KERNEL_PACKAGES = (
+    "controllers",
+    *(
+        f"moflock_mj/{package}"
+        for package in (
+            "analysis",
+            "deployment",
+            "dynamics",
+            "effects",
+            "log",
+            "metrics",
+            "sensing",
+            "simulation",
+            "world",
+        )
+    ),
+)
+
+SOURCE_ROOTS = tuple(Path(__file__).resolve().parent.parent / package for package in _KERNEL_PACKAGES)
+"""Packages that may contain kernels. An edit in any of their files recompiles all kernels."""
 
 
 def stamp_of(roots: tuple[Path, ...]) -> tuple[int, int]:
-    """Newest modification time (ns) and total size (bytes) over the Python files below some folders."""
+    """Newest modification time (ns) and total size (bytes) of all Python files below the given folders."""
     stats = [source.stat() for root in roots for source in root.rglob("*.py")]
     return max(s.st_mtime_ns for s in stats), sum(s.st_size for s in stats)
 
@@ -31,7 +49,7 @@ def _sources_stamp() -> tuple[int, int]:
 
 
 class _ProjectSources:
-    """A cache locator for this project's files only; every other file is left to Numba."""
+    """Mixin of a cache locator that handles this project's files only and leaves all others to Numba."""
 
     def get_source_stamp(self) -> tuple[int, int]:
         return _sources_stamp()
@@ -52,8 +70,10 @@ class _InTheUsersCache(_ProjectSources, caching.UserWideCacheLocator):  # type: 
 
 
 class _Index(caching.IndexDataCacheFile):  # type: ignore[misc]
-    """The list of what is kept of a function. It names the types of its arguments, and one that other sources left may
-    name a type that is no more: Numba would stop there, before it looks at the stamp.
+    """Cache index of a function, empty if it cannot be read.
+
+    An index pickles the argument types. One that older sources wrote may name a type that no longer exists, and Numba
+    would fail on it before it compares the stamps.
     """
 
     def _load_index(self) -> Any:
@@ -65,7 +85,7 @@ class _Index(caching.IndexDataCacheFile):  # type: ignore[misc]
 
 caching.IndexDataCacheFile = _Index
 
-# A folder that the user named by NUMBA_CACHE_DIR is Numba's first choice already.
+# Numba already prefers a folder that the user names in NUMBA_CACHE_DIR.
 if not numba.config.CACHE_DIR:
     caching.CompileResultCacheImpl._locator_classes = [
         _BesideTheSource,
@@ -77,34 +97,34 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function) -> Function:
-    """Decorator of a compiled function: no interpreter lock, IEEE division."""
+    """Compile a function without the interpreter lock and with IEEE division."""
     return cast("Function", numba.njit(nogil=True, error_model="numpy")(function))
 
 
 def hot_kernel(function: Function) -> Function:
-    """Decorator of what runs for each drone at each step: as `kernel`, and always inlined.
+    """Compile a function that runs for each drone at each step: as `kernel`, and always inlined.
 
-    Numba counts references to every row of an array that crosses a call, which costs more than a controller does;
-    inlined, it sees that it need not. Compiling takes longer, so that the rest of the project does without.
+    Numba counts references to every array row that is passed to a call, which costs more than a controller; inlining
+    removes that cost. It also makes compilation slower, so that other functions use `kernel`.
     """
     return cast("Function", numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
 
 
 def entry_kernel(function: Function) -> Function:
-    """Decorator of the few compiled functions that Python calls: as `kernel`, and kept on disk."""
+    """Compile a function that Python calls: as `kernel`, and cached on disk."""
     return cast("Function", numba.njit(nogil=True, error_model="numpy", cache=True)(function))
 
 
 class Off(NamedTuple):
-    """Stands for an effect that is off: a stage whose first argument it is runs the body of its own declaration."""
+    """State of an effect that is off. A stage with `Off` as its first argument runs the body of its declaration."""
 
 
 def stage(signature: Function) -> Function:
-    """Declare a stage of the flight whose implementation is chosen by the type of its first argument.
+    """Declare a stage of the flight loop that dispatches on the type of its first argument.
 
-    The choice is made when the loop is compiled for that type, so that another arena, policy or effect costs nothing in
-    each step: it brings a named tuple and, under `implements`, a function with the stage's own argument names. The body
-    of the declaration is what happens where the first argument is `Off`; a stage that must never be off raises
+    Numba selects the implementation when it compiles the loop, so that dispatch costs nothing at run time. A new arena,
+    policy or effect defines a named tuple and, with `implements`, a function with the argument names of the stage. The
+    body of the declaration runs when the first argument is `Off`. A stage that cannot be off raises
     `NotImplementedError` there.
     """
     return _declare(signature, {"error_model": "numpy"})
@@ -125,17 +145,17 @@ def _declare(signature: Function, options: dict[str, Any]) -> Function:
         return implementations.get(kind, signature if kind is Off else None)  # type: ignore[arg-type]
 
     signature.implementations = implementations  # type: ignore[attr-defined]
-    # strict would compare annotations too, which differ by design
+    # A strict overload would also compare annotations, which differ by design.
     overload(signature, jit_options=options, strict=False)(choose)
     return signature
 
 
 def implements(declared_stage: Callable[..., Any], chosen_by: type) -> Callable[[Function], Function]:
-    """Decorator: compile this function as `declared_stage` wherever the first argument is a `chosen_by`.
+    """Register a function as the implementation of a stage for one type of the first argument.
 
     Args:
-        declared_stage: a function made by `stage` or `hot_stage`.
-        chosen_by: the named tuple that selects this implementation.
+        declared_stage: function declared with `stage` or `hot_stage`.
+        chosen_by: named tuple type of the first argument.
     """
 
     def register(implementation: Function) -> Function:

@@ -1,4 +1,4 @@
-"""Rotations and vectors that controllers and dynamics share."""
+"""Rotations and vectors, for controllers and dynamics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from controllers.compiling import hot_kernel
 def body_axes(
     qw: float, qx: float, qy: float, qz: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Rotation matrix from body to world of a unit quaternion, row by row; its columns are the body's axes."""
+    """Rotation matrix from body to world of a unit quaternion, row by row. Its columns are the body axes."""
     xx, yy, zz = 2.0 * qx * qx, 2.0 * qy * qy, 2.0 * qz * qz
     xy, xz, yz = 2.0 * qx * qy, 2.0 * qx * qz, 2.0 * qy * qz
     wx, wy, wz = 2.0 * qw * qx, 2.0 * qw * qy, 2.0 * qw * qz
@@ -20,7 +20,7 @@ def body_axes(
 
 @hot_kernel
 def clip_length(x: float, y: float, longest: float) -> tuple[float, float]:
-    """The vector (x, y), shortened to `longest` if it is longer."""
+    """Limit the length of the vector (x, y) to `longest`."""
     squared = x * x + y * y
     if squared <= longest * longest:
         return x, y

@@ -1,10 +1,10 @@
-"""What a drone makes of its sensors: attitude, body rates, velocity and height, from inertial sensors and GPS fixes.
+"""State estimation: attitude, body rates, velocity and height from inertial sensors and GPS fixes.
 
-A complementary filter: gyroscope and accelerometer, integrated, are right for seconds, the fixes that correct them for
-minutes. The velocity of the fixes also tells the tilt, because a tilt that is estimated wrongly turns gravity into a
-growing error of velocity (M.-D. Hua: Attitude estimation for accelerated vehicles using GPS/INS measurements, Control
-Engineering Practice 18(7), 2010). The gains are those of the stationary Kalman filter of the errors, linear about level
-flight, and so follow from the noises.
+The estimator is a complementary filter. The integrals of gyroscope and accelerometer are accurate for seconds, and
+fixes correct their drift. The velocity of the fixes also makes the tilt observable, because a tilt error turns gravity
+into a growing velocity error (M.-D. Hua: Attitude estimation for accelerated vehicles using GPS/INS measurements,
+Control Engineering Practice 18(7), 2010). The gains are those of the stationary Kalman filter of the errors, linearised
+about level flight, and follow from the sensor noise.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from controllers.geometry import body_axes
 
 
 class FixGains(NamedTuple):
-    """Shares of what a fix finds wrong that go to each estimate.
+    """Gains from the innovations of a fix to the corrections of the estimates.
 
     Attributes:
-        velocity: of the horizontal velocity's error, to the velocity.
-        tilt: rad s/m, to the attitude.
-        tilt_bias: 1/m, rad/s per m/s, to the bias of the rates about horizontal axes.
-        heading: of the heading's error, to the attitude.
-        heading_bias: 1/s, to the bias of the yaw rate.
-        height: of the height's error, to the height.
-        climb: 1/s, to the climb rate.
-        lift_bias: 1/s^2, to the bias of the vertical acceleration.
+        velocity: gain from horizontal velocity to velocity, 1.
+        tilt: gain from horizontal velocity to attitude, rad s/m.
+        tilt_bias: gain from horizontal velocity to the bias of the rates about horizontal axes, rad/m.
+        heading: gain from heading to attitude, 1.
+        heading_bias: gain from heading to the bias of the yaw rate, 1/s.
+        height: gain from height to height, 1.
+        climb: gain from height to climb rate, 1/s.
+        lift_bias: gain from height to the bias of the vertical acceleration, 1/s^2.
     """
 
     velocity: float
@@ -45,16 +45,16 @@ class FixGains(NamedTuple):
 
 
 class StateEstimate(NamedTuple):
-    """What N drones believe of themselves.
+    """State estimates of N drones.
 
     Attributes:
-        step: s, between two readings of gyroscope and accelerometer.
-        gravity: m/s^2.
-        gains: of the fixes.
-        qpos: (N, 7); of the position the height alone, m, then the attitude's quaternion w x y z, body to world.
-        qvel: (N, 6), velocity m/s world, body rates rad/s body.
-        rate_bias: (3, N), rad/s, body, what the gyroscope tells too much.
-        lift_bias: (N,), m/s^2, what the accelerometer tells too much of vertical acceleration.
+        step: interval between two readings of gyroscope and accelerometer, s.
+        gravity: gravitational acceleration, m/s^2.
+        gains: gains of the corrections by fixes.
+        qpos: (N, 7), x and y (not estimated), height (m) and attitude quaternion w x y z, body to world.
+        qvel: (N, 6), velocity (m/s, world) and body rates (rad/s, body).
+        rate_bias: (3, N), gyroscope bias, rad/s, body.
+        lift_bias: (N,), accelerometer bias of the vertical acceleration, m/s^2, world.
     """
 
     step: float
@@ -77,20 +77,19 @@ def design_fixes(
     height_noise: float,
     heading_noise: float,
 ) -> FixGains:
-    """Gains of the stationary Kalman filters that these noises ask for.
+    """Design the gains of the stationary Kalman filters for given sensor noise.
 
     Args:
-        period: s, between fixes.
-        gyro_noise: rad/s/sqrt(Hz).
-        gyro_walk: rad/s^2/sqrt(Hz), random walk of its bias.
-        accel_noise: m/s^2/sqrt(Hz).
-        accel_walk: m/s^3/sqrt(Hz), random walk of its bias, which along the horizontal looks like a tilt.
-        velocity_noise: m/s, deviation of a fix's velocity.
-        height_noise: m, deviation of a fix's height.
-        heading_noise: rad, deviation of a fix's heading.
-        gravity: m/s^2.
+        period: interval of fixes, s.
+        gyro_noise: noise density of the gyroscope, rad/s/sqrt(Hz).
+        gyro_walk: random walk of the gyroscope bias, rad/s^2/sqrt(Hz).
+        accel_noise: noise density of the accelerometer, m/s^2/sqrt(Hz).
+        accel_walk: random walk of the accelerometer bias, m/s^3/sqrt(Hz); a horizontal bias acts like a tilt error.
+        velocity_noise: standard deviation of a fix's velocity, m/s.
+        height_noise: standard deviation of a fix's height, m.
+        heading_noise: standard deviation of a fix's heading, rad.
     """
-    # Errors of velocity, tilt and rate bias: v' = g tilt, tilt' = -bias.
+    # The errors of velocity, tilt and rate bias obey v' = g tilt, tilt' = -bias.
     level = _stationary_gain(
         [[0, GRAVITY, 0], [0, 0, -1], [0, 0, 0]],
         (accel_noise, math.hypot(gyro_noise, accel_walk / GRAVITY), gyro_walk),
@@ -103,24 +102,24 @@ def design_fixes(
 
 
 def _stationary_gain(system: Any, densities: tuple[float, ...], measured: float, period: float) -> list[float]:
-    """Kalman gain of x' = system x + noise, whose first state is measured once per period.
+    """Kalman gain of x' = system x + noise with a measurement of the first state once per period.
 
-    The noises have a floor, so that perfect sensors have gains too.
+    Noise densities have a lower bound, so that perfect sensors have gains too.
     """
     from scipy.linalg import expm, solve_discrete_are  # noqa: PLC0415 - only flights with an IMU need it
 
     size = len(densities)
     driving = np.diag([max(density, 1e-7) ** 2 for density in densities])
-    # Van Loan's method: one exponential for the transition and for the noise that gathers in a period.
+    # Van Loan's method: one exponential gives the transition and the noise covariance of a period.
     block = np.block([[-np.array(system, float), driving], [np.zeros((size, size)), np.array(system, float).T]])
     powers = expm(block * period)
     transition = powers[size:, size:].T
-    gathered = transition @ powers[:size, size:]
-    reading = np.zeros((1, size))
-    reading[0, 0] = 1
+    noise_covariance = transition @ powers[:size, size:]
+    measurement = np.zeros((1, size))
+    measurement[0, 0] = 1
     variance = np.array([[max(measured, 1e-4) ** 2]])
-    prior = solve_discrete_are(transition.T, reading.T, (gathered + gathered.T) / 2, variance)
-    gain = prior @ reading.T / (reading @ prior @ reading.T + variance)
+    prior = solve_discrete_are(transition.T, measurement.T, (noise_covariance + noise_covariance.T) / 2, variance)
+    gain = prior @ measurement.T / (measurement @ prior @ measurement.T + variance)
     return [float(share) for share in gain[:, 0]]
 
 
@@ -135,14 +134,14 @@ def integrate(
     force_y: float,
     force_z: float,
 ) -> None:
-    """Take one reading of drone i's gyroscope (rad/s) and accelerometer (specific force, m/s^2), in its body frame.
+    """Integrate one measurement of drone i's gyroscope (rad/s) and accelerometer (specific force, m/s^2), body frame.
 
-    A reading tells of the end of its step, so that the sums are those of MuJoCo's semi-implicit Euler steps.
+    A measurement belongs to the end of its step, so that the sums match MuJoCo's semi-implicit Euler steps.
     """
     qpos, qvel, step = state.qpos, state.qvel, state.step
     wx, wy, wz = rate_x - state.rate_bias[0, i], rate_y - state.rate_bias[1, i], rate_z - state.rate_bias[2, i]
     qvel[i, 3], qvel[i, 4], qvel[i, 5] = wx, wy, wz
-    qw, qx, qy, qz = _turned(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6], step * wx, step * wy, step * wz)
+    qw, qx, qy, qz = _rotated(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6], step * wx, step * wy, step * wz)
     qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6] = qw, qx, qy, qz
     xx, xy, xz, yx, yy, yz, zx, zy, zz = body_axes(qw, qx, qy, qz)
     qvel[i, 0] += step * (xx * force_x + xy * force_y + xz * force_z)
@@ -153,10 +152,10 @@ def integrate(
 
 
 @hot_kernel
-def _turned(
+def _rotated(
     qw: float, qx: float, qy: float, qz: float, turn_x: float, turn_y: float, turn_z: float
 ) -> tuple[float, float, float, float]:
-    """The quaternion after a small turn (rad) about the body's axes, of unit length again to fourth order."""
+    """Rotate a quaternion by small angles (rad) about the body axes; the result has unit length to fourth order."""
     x, y, z = turn_x / 2, turn_y / 2, turn_z / 2
     w = 1 - (x * x + y * y + z * z) / 2
     nw = w * qw - x * qx - y * qy - z * qz
@@ -169,32 +168,32 @@ def _turned(
 
 @kernel
 def correct(state: StateEstimate, i: int, vx: float, vy: float, height: float, heading: float) -> None:
-    """Let a fix correct what drone i believes.
+    """Correct the estimate of drone i by a fix.
 
     Args:
-        state: what is believed.
-        i: the drone.
-        vx: m/s, world, as the fix has it; so is vy.
-        vy: m/s, world.
-        height: m.
-        heading: rad, from the world's x axis to the body's, seen from above.
+        state: the estimates.
+        i: number of the drone.
+        vx: measured velocity along x, m/s, world.
+        vy: measured velocity along y, m/s, world.
+        height: measured height, m.
+        heading: measured heading, rad, from the world's x axis to the body's, anticlockwise from above.
     """
     gains, qpos, qvel = state.gains, state.qpos, state.qvel
     xx, xy, xz, yx, yy, yz, zx, zy, zz = body_axes(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
-    off_x, off_y, off_z = vx - qvel[i, 0], vy - qvel[i, 1], height - qpos[i, 2]
-    off_heading = heading - math.atan2(yx, xx)
-    off_heading -= 2 * math.pi * math.floor(off_heading / (2 * math.pi) + 0.5)
+    error_x, error_y, error_z = vx - qvel[i, 0], vy - qvel[i, 1], height - qpos[i, 2]
+    error_heading = heading - math.atan2(yx, xx)
+    error_heading -= 2 * math.pi * math.floor(error_heading / (2 * math.pi) + 0.5)
 
-    qvel[i, 0] += gains.velocity * off_x
-    qvel[i, 1] += gains.velocity * off_y
-    qpos[i, 2] += gains.height * off_z
-    qvel[i, 2] += gains.climb * off_z
-    state.lift_bias[i] += gains.lift_bias * off_z
+    qvel[i, 0] += gains.velocity * error_x
+    qvel[i, 1] += gains.velocity * error_y
+    qpos[i, 2] += gains.height * error_z
+    qvel[i, 2] += gains.climb * error_z
+    state.lift_bias[i] += gains.lift_bias * error_z
 
-    # Turns about the world's axes, told in the body's: leaning about y speeds up along x, about x slows down along y.
-    turn = (-gains.tilt * off_y, gains.tilt * off_x, gains.heading * off_heading)
-    bias = (-gains.tilt_bias * off_y, gains.tilt_bias * off_x, gains.heading_bias * off_heading)
-    qw, qx, qy, qz = _turned(
+    # Rotations about the world's axes: a positive tilt about y accelerates along x, one about x along -y.
+    turn = (-gains.tilt * error_y, gains.tilt * error_x, gains.heading * error_heading)
+    bias = (-gains.tilt_bias * error_y, gains.tilt_bias * error_x, gains.heading_bias * error_heading)
+    qw, qx, qy, qz = _rotated(
         qpos[i, 3],
         qpos[i, 4],
         qpos[i, 5],

@@ -1,4 +1,4 @@
-"""Create the pictures of the README: `make pictures`. Requires the extras, PyAV and Chromium."""
+"""Create the pictures of the README and the site: `make pictures`. Requires the extras, PyAV and Chromium."""
 
 from __future__ import annotations
 
@@ -29,6 +29,17 @@ POINT = "A"
 
 MOMENT = 40.0
 """Time of the flight that the video and the page show, s."""
+
+ANIMATED = Scenario(drones=30, arena_side=250.0, duration=90.0, warm_up=20.0)
+"""Scenario of the animated picture, flown with the default parameters."""
+
+ANIMATION_BEGIN = 30.0
+"""Time at which the animation begins, s; the flock has formed by then."""
+
+ANIMATION_SIZE = 640, 360
+"""Width and height, pixels."""
+
+ANIMATION_FPS = 12
 
 WITHOUT_NOTICES = "<style>.mantine-Notifications-root{display:none}</style></head>"
 """Style that hides the page's notice that the browser renders without a graphics card."""
@@ -61,10 +72,26 @@ def shrink(picture: Path) -> None:
     smaller.save(picture, optimize=True)
 
 
+def animate(out: Path, folder: Path) -> None:
+    """Fly the animated scenario as rigid bodies and save its video as an animated WebP."""
+    whole, later, video = (folder / name for name in ("whole.mcap", "later.mcap", "animation.mp4"))
+    fly(load_point("steady"), scenario=ANIMATED, log=whole, keep_samples=False)
+    resume(read_log(whole), ANIMATION_BEGIN, log=later, keep_samples=False)
+    render_video([read_log(later)], video, fps=ANIMATION_FPS, speed=5.0)
+    with av.open(str(video)) as container:
+        frames = [
+            frame.to_image().resize(ANIMATION_SIZE, Image.Resampling.LANCZOS) for frame in container.decode(video=0)
+        ]
+    frames[0].save(
+        out, save_all=True, append_images=frames[1:], duration=round(1000 / ANIMATION_FPS), loop=0, quality=60, method=6
+    )
+
+
 def main() -> None:
-    """Fly once and create all pictures of that flight."""
+    """Create the animation, and all still pictures of a second flight."""
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
+        animate(PICTURES / "flight.webp", Path(folder))
         log, later, video, page = (Path(folder) / name for name in ("a.mcap", "b.mcap", "a.mp4", "a.html"))
         fly(load_point(POINT), scenario=Scenario(duration=120.0), log=log, keep_samples=False)
         flight = read_log(log)

@@ -1,6 +1,6 @@
 """Flocks of quadrotors on MuJoCo physics: scenarios, flights, logs, and their order parameters.
 
-Names are imported when they are first used, so that `moflock --help` does not wait for NumPy and Numba.
+Names are imported at first use, so that `moflock --help` does not load NumPy and Numba.
 
 Example:
     >>> import moflock_mj as mf
@@ -83,7 +83,7 @@ _MODULES = {
     "track_target": "moflock_mj.analysis.target_tracking",
     "verify": "moflock_mj.analysis.verification",
 }
-"""Where each public name is defined."""
+"""Module of each public name."""
 
 __all__ = sorted(_MODULES)  # noqa: PLE0605 - type checkers read the imports above
 

@@ -1,61 +1,61 @@
-"""The testbed's errors: each is one line that names the field, its value and the limit."""
+"""Errors for the user. Each message is one line that names the field, its value and the limit."""
 
 
 class MoflockError(Exception):
-    """What a user can cause and mend; every other exception is a fault of the program."""
+    """An error that the user can correct. Any other exception is a bug."""
 
 
 class StoppedError(Exception):
-    """The user stopped a command before its end; the message says how to go on."""
+    """A command stopped at the user's request; the message says how to continue."""
 
 
 class AirframeError(MoflockError):
-    """An airframe is unknown, or its model file does not describe a multirotor that can be flown."""
+    """Unknown airframe, or a model file that does not describe a supported multirotor."""
 
 
 class ScenarioError(MoflockError):
-    """A scenario has a field, a value or a combination that cannot be flown."""
+    """Invalid field, value or combination in a scenario."""
 
 
 class PointError(MoflockError):
-    """A parameter point is unknown, unreadable or out of bounds."""
+    """Unknown, unreadable or out-of-bounds parameter point."""
 
 
 class LogError(MoflockError):
-    """A log cannot be written, read or recovered."""
+    """Failure to write, read or recover a log."""
 
 
 class FlightError(MoflockError):
-    """A flight cannot go on, such as one whose state is no longer finite."""
+    """Failure of a running flight, such as a state that is no longer finite."""
 
 
 class RenderError(MoflockError):
-    """A flight cannot be drawn, or its picture or video cannot be written."""
+    """Failure to render a flight, or to write its picture or video."""
 
 
 class SearchError(MoflockError):
-    """A search cannot be set up, run or resumed: its bounds, its objectives, its run directory or its workers."""
+    """Failure to set up, run or resume a search: bounds, objectives, run directory or workers."""
 
 
 class LinkError(MoflockError):
-    """A link to a vehicle cannot be opened: its address, its port or its signing key."""
+    """Failure to open a link to a vehicle: address, port or signing key."""
 
 
 class FleetError(MoflockError):
-    """A fleet of simulated vehicles cannot be set up: its size, its faults or its speed."""
+    """Failure to set up a fleet of simulated vehicles: size, faults or speed."""
 
 
 class CommandError(MoflockError):
-    """A vehicle does not do what it was asked for, or does not answer."""
+    """Command that a vehicle rejects, does not carry out or does not acknowledge."""
 
 
 class DeploymentError(MoflockError):
-    """A deployment cannot begin: its vehicles, its report, its point or its place."""
+    """Failure to start a deployment: vehicles, report, point or location."""
 
 
 class ReportError(MoflockError):
-    """A report of a pre-flight check cannot be read, was edited, or does not allow the deployment."""
+    """Pre-flight report that is unreadable or edited, or that does not permit the deployment."""
 
 
 class CheckFailedError(MoflockError):
-    """What was to be done was checked before, and failed."""
+    """Failed check before an operation."""

@@ -1,4 +1,4 @@
-"""Fields of frozen dataclasses that know their unit and their bounds, checked when an object is made."""
+"""Fields of frozen dataclasses with unit and bounds, checked at construction."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from moflock_mj.errors import MoflockError, ScenarioError
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FieldSpec:
-    """What a field's value must be.
+    """Unit, bounds and description of a field.
 
     Attributes:
         unit: SI unit, "1" for a plain number or a name.
         low: smallest value, or None.
         high: largest value, or None.
-        open_low: whether `low` itself is refused.
-        choices: the names that a text field may take; any text if empty.
-        help: one line for people.
+        open_low: True if `low` itself is out of bounds.
+        choices: permitted values of a text field; any text if empty.
+        help: one-line description.
     """
 
     unit: str
@@ -32,7 +32,7 @@ class FieldSpec:
     help: str = ""
 
     def limit(self) -> str:
-        """The bounds in words, for an error or a comment."""
+        """Bounds in words, for an error message or a comment."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -41,7 +41,7 @@ class FieldSpec:
         return " and ".join(part for part in (above, below) if part)
 
     def admits(self, value: Any) -> bool:
-        """Whether a value of the right type lies within the bounds."""
+        """True if a value of the right type lies within the bounds."""
         if isinstance(value, str):
             return not self.choices or value in self.choices
         if isinstance(value, tuple):
@@ -52,17 +52,17 @@ class FieldSpec:
 
 
 def quantity(default: Any, unit: str, help: str, **bounds: Any) -> Any:
-    """A dataclass field with a default, a unit and bounds."""
+    """Define a dataclass field with a default, a unit and bounds."""
     return dataclasses.field(default=default, metadata={"bounds": FieldSpec(unit=unit, help=help, **bounds)})
 
 
 def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> None:
-    """Check every field of a frozen dataclass, and store whole numbers of real fields as floats.
+    """Check every field of a frozen dataclass, and convert whole numbers in real fields to floats.
 
     Args:
         record: the object.
-        error: what is raised.
-        prefix: put before the fields' names in the error.
+        error: type of the exception to raise.
+        prefix: prefix of the field names in the message.
 
     Raises:
         MoflockError: (`error`) one line that names the field, the value and the limit.
@@ -91,7 +91,7 @@ def check_fields(record: Any, error: type[MoflockError], prefix: str = "") -> No
 
 
 def check_keys(given: Iterable[str], allowed: Iterable[str], error: type[MoflockError], prefix: str = "") -> None:
-    """Refuse names that are not allowed, with the nearest one that is; `prefix` stands before them in the error."""
+    """Refuse unknown names and suggest the nearest known one; `prefix` precedes a name in the message."""
     names = list(allowed)
     for name in given:
         if name not in names:
@@ -101,7 +101,7 @@ def check_keys(given: Iterable[str], allowed: Iterable[str], error: type[Moflock
 
 
 def _typed(field: dataclasses.Field[Any], name: str, value: Any, error: type[MoflockError]) -> Any:
-    """The value as the field's own type (annotations are texts such as "float | None")."""
+    """Convert a value to the type of its field (annotations are strings such as "float | None")."""
     wanted = [kind.strip() for kind in str(field.type).split("|")]
     if value is None and "None" in wanted:
         return None
@@ -130,10 +130,10 @@ def _real(name: str, value: Any, error: type[MoflockError]) -> float:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Section:
-    """A table of the scenario; a subclass has its name in `table`, and fields made by `quantity`.
+    """Table of a scenario. A subclass sets its name in `table` and defines its fields with `quantity`.
 
     Raises:
-        ScenarioError: a value is of the wrong type or out of bounds; the line names it as `table.field`.
+        ScenarioError: a value is of the wrong type or out of bounds; the message names it as `table.field`.
     """
 
     table: ClassVar[str]
@@ -143,10 +143,10 @@ class Section:
 
     @classmethod
     def read(cls, values: Any) -> Self:
-        """A section from its fields by name; those left out keep their defaults.
+        """Create a section from a mapping of its fields; absent fields keep their defaults.
 
         Raises:
-            ScenarioError: it is no table, or names a field or a value that the section does not have.
+            ScenarioError: not a table, or an unknown field or invalid value in it.
         """
         if not isinstance(values, Mapping):
             raise ScenarioError(f"{cls.table}: {values!r} is of the wrong type: it must be a table, [{cls.table}]")
@@ -155,28 +155,28 @@ class Section:
 
     @classmethod
     def read_all(cls, values: Any) -> tuple[Self, ...]:
-        """Sections from an array of tables; an error names one by its place, as `table[2].field`.
+        """Create sections from an array of tables; an error message names a field as `table[2].field`.
 
         Raises:
-            ScenarioError: it is no array of tables, or as for `read`.
+            ScenarioError: not an array of tables, or see `read`.
         """
         if not isinstance(values, (list, tuple)):
             raise ScenarioError(f"{cls.table}: {values!r} is of the wrong type: it must be tables, [[{cls.table}]]")
         read = []
-        for place, table in enumerate(values):
+        for index, table in enumerate(values):
             try:
                 read.append(cls.read(table))
             except ScenarioError as problem:
-                raise ScenarioError(f"{cls.table}[{place}]{str(problem).removeprefix(cls.table)}") from None
+                raise ScenarioError(f"{cls.table}[{index}]{str(problem).removeprefix(cls.table)}") from None
         return tuple(read)
 
 
 def section(kind: type[Section], help: str, *, on: bool = False) -> Any:
-    """A dataclass field that holds a section, or None where it is off; one that is `on` is never off."""
+    """Define a dataclass field for a section, with None for off; if `on`, the section is always on."""
     default = kind() if on else None
     return dataclasses.field(default=default, metadata={"bounds": FieldSpec(unit="1", help=help), "section": kind})
 
 
 def sections(kind: type[Section], help: str) -> Any:
-    """A dataclass field that holds a tuple of sections, none by default."""
+    """Define a dataclass field for a tuple of sections, empty by default."""
     return dataclasses.field(default=(), metadata={"bounds": FieldSpec(unit="1", help=help), "sections": kind})

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and files that are read only up to a size."""
+"""Atomic writing of files, and reading of files with a size limit."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from moflock_mj.errors import RenderError
 
 
 def read_limited(path: str | os.PathLike[str], most: int) -> bytes:
-    """The content of a file of at most so many bytes.
+    """Read a file of at most `most` bytes.
 
     Raises:
-        OSError: it cannot be read, or is larger; `strerror` says why.
+        OSError: the file cannot be read or is too large; `strerror` states the reason.
     """
     with Path(path).open("rb") as file:
         content = file.read(most + 1)
@@ -25,12 +25,13 @@ def read_limited(path: str | os.PathLike[str], most: int) -> bytes:
 
 @contextlib.contextmanager
 def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A place beside `path` to be written to, which takes its name, and the place of what was there, at the end.
+    """Yield a temporary path beside `path`, and rename it to `path` at the end.
 
-    The place ends like `path`, since many writers choose their format by that. It is removed if writing fails.
+    The suffix is that of `path`, because many writers select their format by it. The temporary file is removed if
+    writing fails.
 
     Args:
-        path: the file to be; its folders are made.
+        path: file to write or replace; its folders are created.
 
     Raises:
         RenderError: the file cannot be written.
@@ -49,10 +50,10 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def make_folder(path: Path) -> None:
-    """Make the folders of a file to be, and see to it that it would replace nothing but a file.
+    """Create the folders of a new file, and check that the file replaces nothing but a file.
 
     Raises:
-        OSError: it cannot be written; `strerror` says why.
+        OSError: the file cannot be written; `strerror` states the reason.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,6 +61,6 @@ def make_folder(path: Path) -> None:
         raise OSError(None, f"not a folder: {path.parent}") from None
     if path.is_dir():
         raise OSError(None, "it is a folder, must be a file")
-    # Such as /dev/full, whose place a file would take.
+    # A rename would replace a device such as /dev/full by a file.
     if path.exists() and not path.is_file():
         raise OSError(None, "it is a device or a pipe, must be a file")

@@ -1,4 +1,4 @@
-"""`fly`: one flight from its parameters to its fitness."""
+"""Flights from parameters to fitness: `fly`, `fly_many` and `continue_flight`."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ from moflock_mj.simulation.results import BodyFigures, Flight, FlightObserver, P
 from moflock_mj.simulation.simulation import Simulation
 
 _CHUNK = {"point_mass": 10.0, "rigid_body": 5.0}
-"""Simulated seconds between two looks at progress and Ctrl-C."""
-
+"""Simulated seconds between two checks of progress and Ctrl-C."""
 
 _FOLLOWED_CHUNK = 1.0
-"""Simulated seconds that a log or a live view gets at once, which is also what a killed program loses."""
+"""Simulated seconds per record of a log or a live view. A killed program loses at most one record."""
 
 
 def fly(
@@ -42,18 +41,18 @@ def fly(
     """Fly a flock.
 
     Args:
-        params: the policy's 12 parameters.
-        scenario: what is flown; the paper's if absent.
+        params: parameters of the policy.
+        scenario: scenario of the flight; the paper's if absent.
         dynamics: "rigid_body" (MuJoCo) or "point_mass".
-        seed: a whole number from 0; the same seed gives the same flight.
-        log: an MCAP file to be written, or None.
-        keep_samples: whether the flight keeps its samples; an optimiser needs none.
-        progress: told how far the flight is.
-        stop: asked now and then; the flight ends, with a finished log, when it says True.
-        observers: others, made from the flock, that are told of the flight while it is flown.
+        seed: whole number from 0; equal seeds give equal flights.
+        log: path of an MCAP file to write, or None.
+        keep_samples: True to keep the samples of the flight; an optimiser does not need them.
+        progress: callback with the simulated time and the fitness so far.
+        stop: function that is polled after each record; if True, the flight ends early with a complete log.
+        observers: constructors, from the simulation, of further observers of the running flight.
 
     Raises:
-        MoflockError: what was asked for cannot be flown, a state is no longer finite, or the log cannot be written.
+        MoflockError: the flight is not possible, a state is no longer finite, or the log cannot be written.
     """
     simulation = Simulation(params, scenario or Scenario(), dynamics, seed)
     return continue_flight(
@@ -70,21 +69,21 @@ def fly_many(
     workers: int | None = None,
     keep_samples: bool = False,
 ) -> list[list[Flight]]:
-    """Fly several parameter sets, each on several seeds, side by side; compiled flights hold no interpreter lock.
+    """Fly several parameter sets, each with several seeds, in parallel threads (compiled flights release the GIL).
 
     Args:
         params: P parameter sets.
-        scenario: what is flown; the paper's if absent.
+        scenario: scenario of the flights; the paper's if absent.
         dynamics: "rigid_body" or "point_mass".
         seeds: S seeds, the same for each set.
-        workers: threads; by default as many as there are processors.
-        keep_samples: whether the flights keep their samples.
+        workers: number of threads; by default the number of processors.
+        keep_samples: True to keep the samples of the flights.
 
     Returns:
         (P, S) flights, in the order of the sets and the seeds.
 
     Raises:
-        MoflockError: one of them cannot be flown.
+        MoflockError: one of the flights fails, see `fly`.
     """
 
     def one(task: tuple[NamedTuple, int]) -> Flight:
@@ -107,54 +106,52 @@ def continue_flight(
     stop: Callable[[], bool] | None = None,
     observers: Sequence[Callable[[Simulation], FlightObserver]] = (),
 ) -> Flight:
-    """Fly a flock that stands at its start, or at a state that it was put into, to the end of its scenario.
+    """Run a simulation from its present state, initial or restored, to the end of its scenario.
 
     Args:
-        simulation: flies; must not be at its end.
-        log: as for `fly`.
-        origin: what the log's metadata say of where the flock's state comes from.
-        keep_samples: as for `fly`, and so are the other three.
-        progress: told how far the flight is.
-        stop: ends the flight.
-        observers: told of the flight.
+        simulation: the simulation; it must not be finished.
+        log: see `fly`.
+        origin: log metadata about the source of the initial state.
+        keep_samples: see `fly`.
+        progress: see `fly`.
+        stop: see `fly`.
+        observers: see `fly`.
     """
-    began, scenario = time.perf_counter(), simulation.scenario
+    start_time, scenario = time.perf_counter(), simulation.scenario
     records: list[SampleBuffer] = []
     events: list[FlightEvent] = []
     before, first = simulation.memory.accumulator.status.copy(), simulation.samples
     meter = MotionMeter(scenario, started=first > 0)
-    period, told_ns = (
-        simulation.components.schedule.steps_per_interval * simulation.step,
-        round(simulation.time * 1e9) if first else -1,
-    )
+    period = simulation.components.schedule.steps_per_interval * simulation.step
+    reported_ns = round(simulation.time * 1e9) if first else -1
     with contextlib.ExitStack() as resources:
         if log is not None:
-            from moflock_mj.log.flight_logger import FlightLogger  # noqa: PLC0415 - the log's libraries load only for a log
+            from moflock_mj.log.flight_logger import FlightLogger  # noqa: PLC0415 - the log's libraries are slow to import
 
-            observers = [lambda flown: FlightLogger(log, flown, origin or {}), *observers]
-        told = [resources.enter_context(make(simulation)) for make in observers]
-        chunk = _FOLLOWED_CHUNK if told else _CHUNK[simulation.dynamics]
-        for observer in told:
+            observers = [lambda running: FlightLogger(log, running, origin or {}), *observers]
+        following = [resources.enter_context(make(simulation)) for make in observers]
+        chunk = _FOLLOWED_CHUNK if following else _CHUNK[simulation.dynamics]
+        for observer in following:
             observer.store_state()
         while not simulation.finished and not (records and stop is not None and stop()):
             number = simulation.samples
-            record = simulation.run(chunk, whole_states=any(observer.needs_states for observer in told))
+            record = simulation.run(chunk, whole_states=any(observer.needs_states for observer in following))
             if not len(record.nearest):
-                continue  # the samples are farther apart than a chunk is long
+                continue  # the sample period is longer than a chunk
             time_ns = sample_times(scenario, number, len(record.nearest))
             found = find_events(record, before, time_ns, simulation.touched_with)
-            found += fault_events(scenario, period, told_ns, int(time_ns[-1]))
+            found += fault_events(scenario, period, reported_ns, int(time_ns[-1]))
             found.sort(key=lambda event: event.time_ns)
-            before, told_ns = record.status[-1], int(time_ns[-1])
+            before, reported_ns = record.status[-1], int(time_ns[-1])
             events += found
             meter.add(record)
-            for observer in told:
+            for observer in following:
                 observer.write(time_ns, record, found)
                 observer.store_state()
             if progress:
                 progress(simulation.time, final_fitness(record, scenario))
             records = [*records, record] if keep_samples else [record]
-        for observer in told:
+        for observer in following:
             observer.finish(records[-1])
     return Flight(
         params=simulation.params,
@@ -168,7 +165,7 @@ def continue_flight(
         events=tuple(events),
         motion=meter.figures(),
         body=_body_figures(simulation),
-        wall_seconds=time.perf_counter() - began,
+        wall_seconds=time.perf_counter() - start_time,
         log=Path(log) if log is not None else None,
     )
 

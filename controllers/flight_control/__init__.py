@@ -1,1 +1,1 @@
-"""From a desired velocity to four rotor thrusts, and the design of the gains."""
+"""Flight control from a desired velocity to four rotor thrusts, and the design of its gains."""

@@ -1,4 +1,4 @@
-"""Altitude hold: from a height to a vertical acceleration, and from that to the rotors' collective thrust."""
+"""Altitude hold: from a desired height to a vertical acceleration, and from that to collective thrust."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ def altitude_acceleration(
     climb_rate_max: float,
     acceleration_max: float,
 ) -> float:
-    """Vertical acceleration that brings the body to `altitude` and holds it there, in m/s^2, up.
+    """Vertical acceleration that brings the body to `altitude` and holds it there, m/s^2, up.
 
     Args:
-        altitude: m, wanted height.
-        height: m.
-        climb_rate: m/s, vertical velocity, up.
-        position_gain: 1/s.
-        velocity_gain: 1/s.
-        climb_rate_max: m/s, bound of the climb and descent that is asked for.
-        acceleration_max: m/s^2, bound of the result's absolute value.
+        altitude: desired height, m.
+        height: present height, m.
+        climb_rate: present vertical velocity, m/s, up.
+        position_gain: gain from height to climb rate, 1/s.
+        velocity_gain: gain from climb rate to acceleration, 1/s.
+        climb_rate_max: largest commanded climb or descent rate, m/s.
+        acceleration_max: largest absolute value of the result, m/s^2.
     """
     climb = min(max(position_gain * (altitude - height), -climb_rate_max), climb_rate_max)
     return min(max(velocity_gain * (climb - climb_rate), -acceleration_max), acceleration_max)
@@ -32,15 +32,15 @@ def altitude_acceleration(
 
 @hot_kernel
 def collective_thrust(lift: float, upright: float, upright_min: float) -> float:
-    """Sum of the rotors' thrusts that lifts a tilted body, in N.
+    """Collective thrust that gives a tilted body the vertical force `lift`, N.
 
-    `lift / upright` holds the height at any tilt that the velocity loop asks for. Beyond that tilt it would push the
-    body sideways more than lift it, and is blended out: continuously, to zero on the side.
+    `lift / upright` holds the height up to the largest commanded tilt. Beyond it, thrust would mostly accelerate the
+    body sideways, and falls continuously to zero at 90 degrees.
 
     Args:
-        lift: N, wanted vertical force.
+        lift: desired vertical force, N.
         upright: cosine of the tilt.
-        upright_min: cosine of the largest tilt that the velocity loop asks for.
+        upright_min: cosine of the largest commanded tilt.
     """
     if upright <= 0.0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Attitude loop and rate loop: from a wanted direction of thrust to body rates, and from those to torques.
+"""Attitude loop and rate loop: from a desired direction of thrust to body rates, and from those to torques.
 
 Body frame: x forward, y left, z up along the thrust. Rates and torques are in the body frame.
 """
@@ -13,36 +13,36 @@ from controllers.geometry import clip_length
 
 @hot_kernel
 def tilt_rates(nx: float, ny: float, nz: float, gain: float, rate_max: float) -> tuple[float, float]:
-    """Roll and pitch rates that turn the thrust towards the direction n by the shortest way, in rad/s.
+    """Roll and pitch rates that rotate the thrust towards the direction n by the shortest way, rad/s.
 
-    Reduced attitude control: heading plays no part in it (Brescianini, D'Andrea: Tilt-Prioritized Quadrocopter Attitude
-    Control, 2018). The error is 2 sin(angle / 2): the angle itself when it is small, and still growing upside down.
+    Reduced attitude control, independent of heading (Brescianini, D'Andrea: Tilt-Prioritized Quadrocopter Attitude
+    Control, 2018). The error is 2 sin(angle / 2): about the angle where it is small, and increasing up to 180 degrees.
 
     Args:
-        nx: wanted direction of thrust, a vector of any length in the body frame.
-        ny: as nx.
-        nz: as nx.
-        gain: 1/s.
-        rate_max: rad/s, bound of the rates' common length.
+        nx: x of the desired direction of thrust, body frame; the vector may have any length.
+        ny: y of the same vector.
+        nz: z of the same vector.
+        gain: gain from tilt error to body rate, 1/s.
+        rate_max: largest norm of the two rates, rad/s.
     """
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    # Exactly upside down every way is the shortest, and none is taken.
+    # Exactly upside down the direction is undefined, and the bound on the denominator makes the rates zero.
     error = gain * math.sqrt(2.0 / max(length * (length + nz), 1e-12))
     return clip_length(-ny * error, nx * error, rate_max)
 
 
 @hot_kernel
 def heading_rate(north_x: float, north_y: float, gain: float) -> float:
-    """Yaw rate that turns the body's x axis back to the world's, in rad/s.
+    """Yaw rate that rotates the body's x axis towards the world's x axis, rad/s.
 
     Args:
-        north_x: x in the body frame of the world's x axis.
-        north_y: y in the body frame of the world's x axis.
-        gain: 1/s.
+        north_x: x of the world's x axis, body frame.
+        north_y: y of the world's x axis, body frame.
+        gain: gain from heading error to body rate, 1/s.
     """
     if north_x >= 0.0:
         return gain * north_y
-    # Facing backwards, the sine would fall again: turn at full rate.
+    # Beyond 90 degrees the sine of the error decreases: use its largest value instead.
     return math.copysign(gain, north_y)
 
 
@@ -61,24 +61,24 @@ def rate_torque(
     inertia_y: float,
     inertia_z: float,
 ) -> tuple[float, float, float]:
-    """Torque that brings the body rates w to the wanted ones, in N m.
+    """Torque that brings the body rates w to the desired ones, N m.
 
-    gain (wanted - w) + w x I w: the second term cancels the gyroscopic coupling in Euler's equation,
+    The torque is gain (desired - w) + w x I w. The second term cancels the gyroscopic coupling in Euler's equation,
     I w' = torque - w x I w.
 
     Args:
-        roll_rate: rad/s, wanted.
-        pitch_rate: rad/s, wanted.
-        yaw_rate: rad/s, wanted.
-        wx: rad/s, present body rate.
-        wy: as wx.
-        wz: as wx.
-        gain_x: N m s/rad.
-        gain_y: as gain_x.
-        gain_z: as gain_x.
-        inertia_x: kg m^2, principal moment.
-        inertia_y: as inertia_x.
-        inertia_z: as inertia_x.
+        roll_rate: desired rate about x, rad/s.
+        pitch_rate: desired rate about y, rad/s.
+        yaw_rate: desired rate about z, rad/s.
+        wx: present rate about x, rad/s.
+        wy: present rate about y, rad/s.
+        wz: present rate about z, rad/s.
+        gain_x: gain about x, N m s/rad.
+        gain_y: gain about y, N m s/rad.
+        gain_z: gain about z, N m s/rad.
+        inertia_x: principal moment of inertia about x, kg m^2.
+        inertia_y: principal moment of inertia about y, kg m^2.
+        inertia_z: principal moment of inertia about z, kg m^2.
     """
     return (
         gain_x * (roll_rate - wx) + (inertia_z - inertia_y) * wy * wz,

@@ -1,4 +1,4 @@
-"""The whole controller of one drone: from a desired velocity and an altitude to the thrust of each rotor."""
+"""Cascaded flight controller of one drone: from a desired velocity and an altitude to the thrust of each rotor."""
 
 from __future__ import annotations
 
@@ -15,39 +15,43 @@ from controllers.flight_control.velocity import observe_axis, velocity_accelerat
 from controllers.geometry import body_axes, clip_length
 
 OBSERVER_SIZE = 6
-"""Entries of a drone's observer: predicted velocity (m/s), then disturbance (m/s^2), both along the world's axes.
+"""Number of entries of a drone's observer: predicted velocity (m/s), then disturbance (m/s^2), both in the world frame.
 
-A drone that starts in motion starts with its velocity in the first three."""
+The initial velocity of a drone initialises the first three."""
 
 
 class Gains(NamedTuple):
-    """All numbers of the controller; `controllers.flight_control.gain_design.design_gains` makes them.
+    """Gains, limits and vehicle data of the controller, see `controllers.flight_control.gain_design.design_gains`.
 
     Attributes:
-        step: s, period of the controller.
-        mass: kg.
-        inertia_x: kg m^2; so are inertia_y and inertia_z.
-        gravity: m/s^2.
-        thrust_max: N, of one rotor.
-        rotor_blend: share of the way to its command that a rotor's thrust goes in one step, 1 - exp(-step / lag).
-        velocity_gain: 1/s, from velocity to acceleration, one over the time constant of the response.
-        a_max: m/s^2, bound of the horizontal acceleration that the velocity loop commands.
-        tilt_tangent: bound of the commanded tilt, as its tangent.
-        tilt_cosine: the same as its cosine.
-        climb_rate_max: m/s.
-        vertical_acceleration_max: m/s^2.
-        body_rate_max: rad/s, bound of the commanded roll and pitch rates.
-        altitude_gain: 1/s, from height to climb rate.
-        climb_gain: 1/s, from climb rate to acceleration.
-        tilt_gain: 1/s, from tilt error to body rate.
-        heading_gain: 1/s, from heading error to body rate.
-        rate_gain_x: N m s/rad, from body rate to torque; so are rate_gain_y and rate_gain_z.
-        observer_velocity_gain: 1/s.
-        observer_disturbance_gain: 1/s^2.
-        disturbance_max: m/s^2, bound of the estimated disturbance along each axis.
-        wind_max: m/s^2, the same bound along the horizontal axes, which may be larger where wind is expected.
-        wrench_matrix: (4, 4), from rotor thrusts to total thrust and torques.
-        mixer: (4, 4), its inverse.
+        step: period of the controller, s.
+        mass: mass of the vehicle, kg.
+        inertia_x: moment of inertia about x, kg m^2.
+        inertia_y: moment of inertia about y, kg m^2.
+        inertia_z: moment of inertia about z, kg m^2.
+        gravity: gravitational acceleration, m/s^2.
+        thrust_max: maximum thrust of one rotor, N.
+        rotor_blend: fraction of the step to its command that a rotor's thrust covers per period, 1 - exp(-step / lag).
+        velocity_gain: gain from velocity to acceleration, the inverse of the response's time constant, 1/s.
+        a_max: largest commanded horizontal acceleration, m/s^2.
+        tilt_tangent: tangent of the largest commanded tilt.
+        tilt_cosine: cosine of the largest commanded tilt.
+        climb_rate_max: largest commanded climb or descent rate, m/s.
+        vertical_acceleration_max: largest commanded vertical acceleration, m/s^2.
+        body_rate_max: largest norm of the commanded roll and pitch rates, rad/s.
+        altitude_gain: gain from height to climb rate, 1/s.
+        climb_gain: gain from climb rate to acceleration, 1/s.
+        tilt_gain: gain from tilt error to body rate, 1/s.
+        heading_gain: gain from heading error to body rate, 1/s.
+        rate_gain_x: gain from body rate to torque about x, N m s/rad.
+        rate_gain_y: gain from body rate to torque about y, N m s/rad.
+        rate_gain_z: gain from body rate to torque about z, N m s/rad.
+        observer_velocity_gain: gain of the observer from innovation to velocity, 1/s.
+        observer_disturbance_gain: gain of the observer from innovation to disturbance, 1/s^2.
+        disturbance_max: largest estimated vertical disturbance, m/s^2.
+        wind_max: largest estimated disturbance along each horizontal axis, m/s^2.
+        wrench_matrix: (4, 4), matrix from rotor thrusts to total thrust and torques.
+        mixer: (4, 4), inverse of `wrench_matrix`.
     """
 
     step: float
@@ -82,11 +86,11 @@ class Gains(NamedTuple):
 
 @hot_kernel
 def rotor_wrench(gains: Gains, thrust: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """What the rotors do to the body: total thrust (N, along z) and torques (N m) about x, y and z, in the body frame.
+    """Wrench of the rotors on the body: total thrust (N, along z) and torques about x, y and z (N m), body frame.
 
     Args:
-        gains: the controller's numbers.
-        thrust: (4,), N, present thrust of each rotor.
+        gains: gains of the controller.
+        thrust: (4,), present thrust of each rotor, N.
     """
     return wrench(gains.wrench_matrix, thrust)
 
@@ -105,20 +109,20 @@ def track_velocity(
     observer: NDArray[np.float64],
     thrust_command: NDArray[np.float64],
 ) -> None:
-    """One step of the controller of one drone.
+    """Run one step of the controller of one drone.
 
     Args:
-        gains: the controller's numbers.
-        desired_vx: m/s, world; so is desired_vy.
-        desired_vy: m/s, world.
-        altitude: m, height to hold.
-        measured_vx: m/s, world, horizontal velocity as the drone measures it; so is measured_vy.
-        measured_vy: m/s, world.
-        qpos: (7,), position (m, world) and quaternion (w x y z, body to world), as MuJoCo has them for a free joint.
-        qvel: (6,), velocity (m/s, world) and body rates (rad/s, body frame), as MuJoCo has them.
-        thrust: (4,), N, present thrust of each rotor.
+        gains: gains of the controller.
+        desired_vx: desired velocity along x, m/s, world.
+        desired_vy: desired velocity along y, m/s, world.
+        altitude: height to hold, m.
+        measured_vx: measured velocity along x, m/s, world.
+        measured_vy: measured velocity along y, m/s, world.
+        qpos: (7,), position (m, world) and quaternion (w x y z, body to world), in MuJoCo's order for a free joint.
+        qvel: (6,), velocity (m/s, world) and body rates (rad/s, body frame), in the same order.
+        thrust: (4,), present thrust of each rotor, N.
         observer: (6,), see `OBSERVER_SIZE`; advanced by one step.
-        thrust_command: (4,), N, written, within 0 and thrust_max.
+        thrust_command: (4,), commanded thrust of each rotor, N, from 0 to thrust_max; written.
     """
     xx, xy, xz, yx, yy, yz, zx, zy, zz = body_axes(qpos[3], qpos[4], qpos[5], qpos[6])
 
@@ -132,15 +136,15 @@ def track_velocity(
         gains.climb_rate_max,
         gains.vertical_acceleration_max,
     )
-    # Specific force wanted of the rotors: what the motion needs, less what gravity and the disturbance do already.
+    # Specific force required of the rotors: the desired acceleration less gravity and the estimated disturbance.
     lift = az + gains.gravity - observer[5]
-    push_x, push_y = clip_length(ax - observer[3], ay - observer[4], gains.tilt_tangent * lift)
+    force_x, force_y = clip_length(ax - observer[3], ay - observer[4], gains.tilt_tangent * lift)
     _observe(gains, measured_vx, measured_vy, qvel[2], xz, yz, zz, thrust, observer)
 
     roll_rate, pitch_rate = tilt_rates(
-        xx * push_x + yx * push_y + zx * lift,
-        xy * push_x + yy * push_y + zy * lift,
-        xz * push_x + yz * push_y + zz * lift,
+        xx * force_x + yx * force_y + zx * lift,
+        xy * force_x + yy * force_y + zy * lift,
+        xz * force_x + yz * force_y + zz * lift,
         gains.tilt_gain,
         gains.body_rate_max,
     )
@@ -174,7 +178,7 @@ def _observe(
     thrust: NDArray[np.float64],
     observer: NDArray[np.float64],
 ) -> None:
-    """Advance the observer of all three axes; `thrust_x`, `_y`, `_z` is the direction of thrust in the world."""
+    """Advance the observer of all three axes; `thrust_x`, `_y`, `_z` is the direction of thrust, world."""
     total = 0.0
     for rotor in range(thrust.shape[0]):
         total += thrust[rotor]

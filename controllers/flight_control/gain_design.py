@@ -1,7 +1,7 @@
-"""The design of the controller's gains: loops are built, bandwidths placed, margins reported. No gain is typed in.
+"""Design of the controller's gains from the airframe and the bandwidths of the loops, and their stability margins.
 
-Every loop is linear about hover and built with python-control from the rigid body, the rotors' lag and the delay of the
-sampled controller; its gain is the one that lets it cross 0 dB at the bandwidth asked for.
+Every loop is linearised about hover and built with python-control from the rigid body, the rotors' lag and the delay of
+the sampled controller. Its gain makes it cross 0 dB at the given bandwidth.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from controllers.flight_control.cascade import Gains
 from controllers.flight_control.mixer import wrench_matrix
 
 GAIN_MARGIN_MIN = 6.0
-"""dB, of every loop."""
+"""Required gain margin of every loop, dB."""
 PHASE_MARGIN_MIN = 45.0
-"""Degrees, of every loop."""
+"""Required phase margin of every loop, degrees."""
 THRUST_SHARE = 0.9
-"""Share of the rotors' thrust that level flight at the largest commanded acceleration may take; the rest steers."""
+"""Largest fraction of the rotors' thrust in level flight at full acceleration; the rest is for attitude control."""
 
 
 class GainDesignError(ValueError):
-    """No controller of the kind asked for can be designed for this airframe."""
+    """A controller cannot be designed for an airframe with the given figures."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bandwidths:
-    """Where each loop crosses 0 dB, in rad/s, from the innermost out.
+    """Crossover frequencies of the loops, rad/s, from the innermost outwards.
 
-    A loop is two to three times slower than the one inside it. The observer is far slower than the velocity loop, so
-    that noise moves a rigid body as it moves a point mass, and only what lasts is countered.
+    Each loop is two to three times slower than the next inner one. The observer is far slower than the velocity loop,
+    so that it rejects constant disturbances only, and a rigid body responds to noise as a point mass does.
     """
 
     roll_pitch_rate: float = 22.0
@@ -47,14 +47,14 @@ class Bandwidths:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Margins:
-    """How far a loop is from instability.
+    """Stability margins of a loop.
 
     Attributes:
-        loop: its name.
-        crossover: rad/s, where its gain is 1.
-        gain_margin: dB by which the gain may rise or, where a loop with several integrators needs it, fall.
-        phase_margin: degrees.
-        delay_margin: s, delay that uses up the phase margin.
+        loop: name of the loop.
+        crossover: frequency at which the open-loop gain is 1, rad/s.
+        gain_margin: change of the gain, up or down, to the limit of stability, dB.
+        phase_margin: phase margin, degrees.
+        delay_margin: additional delay to the limit of stability, s.
     """
 
     loop: str
@@ -66,7 +66,7 @@ class Margins:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LoopDesign:
-    """The gains of a controller and the margins of its loops."""
+    """Gains of a controller, and stability margins of its loops."""
 
     gains: Gains
     margins: tuple[Margins, ...]
@@ -85,23 +85,23 @@ def design_gains(
 
     Args:
         airframe: the vehicle.
-        step: s, period of the controller.
-        tau: s, time constant of the velocity's response.
-        a_max: m/s^2, bound of the commanded horizontal acceleration.
-        tilt_max: rad, bound of the commanded tilt.
-        bandwidths: where the loops cross.
+        step: period of the controller, s.
+        tau: time constant of the velocity response, s.
+        a_max: largest commanded horizontal acceleration, m/s^2.
+        tilt_max: largest commanded tilt, rad.
+        bandwidths: crossover frequencies of the loops.
 
     Raises:
-        GainDesignError: the airframe is too weak for a_max, its rotors cannot steer it, or a loop falls short of 6 dB
-            or 45 degrees.
+        GainDesignError: the airframe is too weak for a_max, its rotors cannot control all axes, or a loop has margins
+            below 6 dB or 45 degrees.
     """
     for field, value in (("step", step), ("tau", tau), ("a_max", a_max)):
         if not (math.isfinite(value) and value > 0):
             raise GainDesignError(f"{field}: {value:g} must be above 0")
     if not 0 < tilt_max < math.pi / 2:
         raise GainDesignError(f"tilt_max: {tilt_max:g} rad must be between 0 and pi/2")
-    _check_strength(airframe, a_max)
-    matrix, mixer = _steering(airframe)
+    _check_thrust(airframe, a_max)
+    matrix, mixer = _wrench_matrices(airframe)
     loops = _Loops(airframe, step, bandwidths, 1 / tau)
     margins = tuple(loops.margins)
     _check_margins(airframe, step, margins)
@@ -140,39 +140,40 @@ def design_gains(
 
 
 def disturbance_bound(tilt_max: float) -> float:
-    """Largest disturbance that the observer takes for real, m/s^2.
+    """Largest disturbance that the observer estimates, m/s^2.
 
-    Never more than half of what the tilt can push, nor, with the bound on vertical acceleration, all of gravity.
+    It is at most half of the acceleration at the largest tilt. Together with the limit of the vertical acceleration it
+    stays below gravity, so that the required thrust always points upwards.
 
     Args:
-        tilt_max: rad.
+        tilt_max: largest commanded tilt, rad.
     """
     return min(GRAVITY * math.tan(tilt_max) / 2, GRAVITY / 4)
 
 
 def maximum_horizontal_force(airframe: Airframe, tilt_max: float) -> float:
-    """Horizontal acceleration that a vehicle can hold in level flight by tilt and `THRUST_SHARE` of its rotors, m/s^2.
+    """Largest horizontal acceleration in level flight with `THRUST_SHARE` of the rotors' thrust, m/s^2.
 
     Args:
         airframe: the vehicle.
-        tilt_max: rad.
+        tilt_max: largest commanded tilt, rad.
     """
     lift = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
     return min(GRAVITY * math.tan(tilt_max), math.sqrt(max(lift**2 - GRAVITY**2, 0.0)))
 
 
 class _Loops:
-    """The loops about hover, from the innermost out; each is reported as it is closed."""
+    """Loops about hover, closed from the innermost outwards, with their gains and margins."""
 
     def __init__(self, airframe: Airframe, step: float, bandwidths: Bandwidths, velocity_gain: float) -> None:
-        import control  # noqa: PLC0415 - takes most of a second, which a point-mass flight need not pay
+        import control  # noqa: PLC0415 - the import takes most of a second, and point masses do not need it
 
         self._control = control
         self.s = control.tf("s")
         self.margins: list[Margins] = []
 
-        # A command computed from the state at one step sets the rotors' thrust by the next, and that thrust moves the
-        # body until the one after: half a step each, on average.
+        # A command computed from the state at one step acts on the rotors' thrust in the next, and that thrust acts on
+        # the body in the one after: an average delay of half a step each.
         self.half_step = control.tf(*control.pade(step / 2, 1))
         self.actuation = control.tf(*control.pade(step, 2)) / (airframe.rotor_lag * self.s + 1)
 
@@ -190,26 +191,26 @@ class _Loops:
         self.climb_gain, climb_closed = self._place("climb", self.actuation / self.s, bandwidths.climb)
         self.altitude_gain, _ = self._place("altitude", climb_closed / self.s, bandwidths.altitude)
 
-        # The velocity loop's gain is the answer asked for; its crossover follows.
+        # The time constant fixes the gain of the velocity loop; its crossover follows.
         self.velocity_gain = velocity_gain
-        leaning = tilt_closed * self.half_step
-        self._report("velocity", velocity_gain * leaning / self.s)
-        # Observer of v' = a + d, both poles at the bandwidth; q leads from the disturbance to its estimate.
+        tilt_actuation = tilt_closed * self.half_step
+        self._store_margins("velocity", velocity_gain * tilt_actuation / self.s)
+        # Observer of v' = a + d with both poles at the bandwidth; q is the transfer function from d to its estimate.
         self.observer_velocity_gain = 2 * bandwidths.observer
         self.observer_disturbance_gain = bandwidths.observer**2
         q = self.observer_disturbance_gain / (self.s + bandwidths.observer) ** 2
-        self._report_observed("velocity with observer", leaning, velocity_gain, q)
-        climbing = self.climb_gain * (1 + self.altitude_gain / self.s)
-        self._report_observed("altitude with observer", self.actuation, climbing, q)
+        self._store_margins_with_observer("velocity with observer", tilt_actuation, velocity_gain, q)
+        altitude_feedback = self.climb_gain * (1 + self.altitude_gain / self.s)
+        self._store_margins_with_observer("altitude with observer", self.actuation, altitude_feedback, q)
 
     def _place(self, loop: str, plant: Any, bandwidth: float) -> tuple[float, Any]:
-        """The gain that makes gain times plant cross 0 dB at the bandwidth, and the loop closed with it."""
+        """Gain that makes gain times plant cross 0 dB at the bandwidth, and the closed loop."""
         gain = 1 / abs(complex(plant(1j * bandwidth)))
-        self._report(loop, gain * plant)
+        self._store_margins(loop, gain * plant)
         return gain, self._control.feedback(gain * plant, 1)
 
-    def _report(self, loop: str, open_loop: Any) -> None:
-        """Keep the margins of a loop; one that is unstable when closed has none."""
+    def _store_margins(self, loop: str, open_loop: Any) -> None:
+        """Store the margins of a loop; a closed loop that is unstable has margins of 0."""
         gain_margin, phase_margin, _, crossover = map(float, self._control.margin(open_loop))
         if self._control.feedback(open_loop, 1).poles().real.max() >= 0:
             gain_margin, phase_margin = 1.0, 0.0
@@ -223,17 +224,17 @@ class _Loops:
             )
         )
 
-    def _report_observed(self, loop: str, actuation: Any, feedback_law: Any, q: Any) -> None:
-        """Report a loop about v = a / s with the observer in it, broken where the velocity is measured.
+    def _store_margins_with_observer(self, loop: str, actuation: Any, feedback_law: Any, q: Any) -> None:
+        """Store the margins of a loop about v = a / s with the observer, opened at the velocity measurement.
 
-        With y the measurement and a = actuation u the acceleration that the observer knows of, the controller asks for
+        With y the measurement and a = actuation u the modelled acceleration, the controller commands
         u = -feedback_law y - q (s y - a), thus u (1 - q actuation) = -(feedback_law + q s) y.
         """
         inner = self._control.feedback(1, q * actuation, sign=1)
-        self._report(loop, inner * actuation * (feedback_law + q * self.s) / self.s)
+        self._store_margins(loop, inner * actuation * (feedback_law + q * self.s) / self.s)
 
 
-def _check_strength(airframe: Airframe, a_max: float) -> None:
+def _check_thrust(airframe: Airframe, a_max: float) -> None:
     available = THRUST_SHARE * ROTORS * airframe.thrust_max / airframe.mass
     if available <= GRAVITY:
         ratio = airframe.thrust_to_weight()
@@ -248,17 +249,17 @@ def _check_strength(airframe: Airframe, a_max: float) -> None:
         )
 
 
-def _steering(airframe: Airframe) -> tuple[Any, Any]:
-    """The airframe's wrench matrix and its inverse."""
+def _wrench_matrices(airframe: Airframe) -> tuple[Any, Any]:
+    """Wrench matrix of the airframe, and its inverse."""
     matrix = wrench_matrix(airframe)
     if np.linalg.matrix_rank(matrix) < ROTORS:
         raise GainDesignError(
-            f"airframe {airframe.name}: rotor_positions and yaw_ratio do not steer all of roll, pitch and yaw"
+            f"airframe {airframe.name}: rotor_positions and yaw_ratio do not control all of roll, pitch and yaw"
         )
     off_centre = np.abs(matrix[1:].sum(axis=1)).max()
     if off_centre > 1e-9:
         raise GainDesignError(
-            f"airframe {airframe.name}: equal thrusts turn it by {off_centre:g} N m per N, must be 0 "
+            f"airframe {airframe.name}: equal thrusts exert a torque of {off_centre:g} N m per N, must be 0 "
             "(rotor_positions, yaw_ratio)"
         )
     return matrix, np.ascontiguousarray(np.linalg.inv(matrix))
@@ -267,9 +268,11 @@ def _steering(airframe: Airframe) -> tuple[Any, Any]:
 def _check_margins(airframe: Airframe, step: float, margins: tuple[Margins, ...]) -> None:
     for loop in margins:
         subject = f"airframe {airframe.name} at a step of {step:g} s: the {loop.loop} loop's"
-        for margin, value, least, unit in (
+        for margin, value, minimum_margin, unit in (
             ("gain margin", loop.gain_margin, GAIN_MARGIN_MIN, "dB"),
             ("phase margin", loop.phase_margin, PHASE_MARGIN_MIN, "degrees"),
         ):
-            if not value >= least:
-                raise GainDesignError(f"{subject} {margin} is {value:.1f} {unit}, must be at least {least:g} {unit}")
+            if not value >= minimum_margin:
+                raise GainDesignError(
+                    f"{subject} {margin} is {value:.1f} {unit}, must be at least {minimum_margin:g} {unit}"
+                )

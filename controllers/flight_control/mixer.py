@@ -10,9 +10,9 @@ from controllers.compiling import hot_kernel, kernel
 
 
 def wrench_matrix(airframe: Airframe) -> NDArray[np.float64]:
-    """(4, 4) matrix from the rotors' thrusts to total thrust (N) and torques (N m) about the body's x, y and z axes.
+    """(4, 4) matrix from rotor thrusts (N) to total thrust (N) and torques about the body's x, y and z axes (N m).
 
-    A rotor at (x, y) that pushes with f along z makes the torques y f about x, -x f about y and its yaw ratio times f
+    A rotor at (x, y) with the thrust f along z exerts the torques y f about x, -x f about y and its yaw ratio times f
     about z.
     """
     x, y = np.array(airframe.rotor_positions).T
@@ -21,11 +21,11 @@ def wrench_matrix(airframe: Airframe) -> NDArray[np.float64]:
 
 @hot_kernel
 def wrench(matrix: NDArray[np.float64], thrust: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """What the rotors do to the body: total thrust (N, along z) and torques (N m) about x, y and z, in the body frame.
+    """Wrench of the rotors on the body: total thrust (N, along z) and torques about x, y and z (N m), body frame.
 
     Args:
         matrix: (4, 4), see `wrench_matrix`.
-        thrust: (4,), N.
+        thrust: (4,), thrust of each rotor, N.
     """
     total, torque_x, torque_y, torque_z = 0.0, 0.0, 0.0, 0.0
     for rotor in range(ROTORS):
@@ -47,28 +47,27 @@ def mix(
     torque_z: float,
     thrust_command: NDArray[np.float64],
 ) -> None:
-    """Share thrust and torques out to the rotors; each ends within 0 and `thrust_max`.
+    """Allocate thrust and torques to the rotors, each within 0 and `thrust_max`.
 
-    What cannot be had at once is given up in this order: yaw torque, then collective thrust, and roll and pitch (scaled
-    together) only if they alone need more than one rotor's range. Yaw first, because a body that heads elsewhere still
-    flies, and one that cannot tilt does not.
+    At saturation, yaw torque is reduced first, then collective thrust, and roll and pitch (scaled together) only if
+    they alone exceed the range of a rotor. Tilt has priority over yaw, because it controls the velocity.
 
     Args:
-        mixer: (4, 4), inverse of `wrench_matrix`; its first column is 1/4 throughout.
-        thrust_max: N, of one rotor.
-        total: N.
-        torque_x: N m.
-        torque_y: N m.
-        torque_z: N m.
-        thrust_command: (4,), N, written.
+        mixer: (4, 4), inverse of `wrench_matrix`; every entry of its first column is 1/4.
+        thrust_max: maximum thrust of one rotor, N.
+        total: desired collective thrust, N.
+        torque_x: desired torque about x, N m.
+        torque_y: desired torque about y, N m.
+        torque_z: desired torque about z, N m.
+        thrust_command: (4,), commanded thrust of each rotor, N; written.
     """
     lowest, highest = thrust_max, 0.0
     for rotor in range(ROTORS):
-        tilting = total / ROTORS + (mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y)
-        f = tilting + mixer[rotor, 3] * torque_z
+        without_yaw = total / ROTORS + (mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y)
+        f = without_yaw + mixer[rotor, 3] * torque_z
         thrust_command[rotor] = f
-        # Without yaw it must fit as well: what is given up then never jumps.
-        lowest, highest = min(lowest, f, tilting), max(highest, f, tilting)
+        # The thrust without yaw must be in range too, so that the switch to the saturated mixer is continuous.
+        lowest, highest = min(lowest, f, without_yaw), max(highest, f, without_yaw)
     if lowest < 0.0 or highest > thrust_max:
         _mix_saturated(mixer, thrust_max, total, torque_x, torque_y, torque_z, thrust_command)
 
@@ -88,18 +87,18 @@ def _mix_saturated(
         f = mixer[rotor, 1] * torque_x + mixer[rotor, 2] * torque_y
         thrust_command[rotor] = f
         lowest, highest = min(lowest, f), max(highest, f)
-    tilting = min(1.0, thrust_max / max(highest - lowest, 1e-12))
-    base = min(max(total / ROTORS, -tilting * lowest), thrust_max - tilting * highest)
+    tilt_scale = min(1.0, thrust_max / max(highest - lowest, 1e-12))
+    base = min(max(total / ROTORS, -tilt_scale * lowest), thrust_max - tilt_scale * highest)
 
-    yawing = 1.0
+    yaw_scale = 1.0
     for rotor in range(ROTORS):
-        f = base + tilting * thrust_command[rotor]
+        f = base + tilt_scale * thrust_command[rotor]
         thrust_command[rotor] = f
-        turn = mixer[rotor, 3] * torque_z
-        room = thrust_max - f if turn > 0.0 else f
-        if abs(turn) * yawing > room:
-            yawing = room / abs(turn)
-    yawing = max(yawing, 0.0)
+        yaw_thrust = mixer[rotor, 3] * torque_z
+        headroom = thrust_max - f if yaw_thrust > 0.0 else f
+        if abs(yaw_thrust) * yaw_scale > headroom:
+            yaw_scale = headroom / abs(yaw_thrust)
+    yaw_scale = max(yaw_scale, 0.0)
     for rotor in range(ROTORS):
-        f = thrust_command[rotor] + yawing * mixer[rotor, 3] * torque_z
+        f = thrust_command[rotor] + yaw_scale * mixer[rotor, 3] * torque_z
         thrust_command[rotor] = min(max(f, 0.0), thrust_max)

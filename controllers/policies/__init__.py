@@ -1,1 +1,1 @@
-"""Desired velocity of each drone from what it observes: one file per published policy, one registry."""
+"""Policies, from the observations of a drone to its desired velocity: one module per policy, and a registry."""

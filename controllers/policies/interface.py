@@ -1,4 +1,4 @@
-"""The interface of a velocity policy: its observation, its stage, and the description that the registry keeps."""
+"""Interface of a velocity policy: its observation, its stage, and its entry in the registry."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from controllers.compiling import stage
 
 
 class Observation(NamedTuple):
-    """What each of N drones knows when it decides; horizontal, world frame.
+    """Inputs of the policies of N drones; horizontal, world frame.
 
     Attributes:
-        own_position: (2, N), m, with the drone's own GPS error.
-        own_velocity: (2, N), m/s, with the drone's own GPS error.
-        received_position: (2, M), m, what drone j's packets say of j: late, with the error of j's GPS. M is N, or a
-            multiple of it where packets are kept: column j + a N is what the packet a ticks earlier said, carried on.
-        received_velocity: (2, M), m/s.
-        neighbours: (N, N), row i begins with the columns of the drones that i hears.
-        neighbour_count: (N,), how many numbers of each row count.
-        wall_distance: (W, N), m, from the own position to each wall, negative beyond it.
-        wall_normal: (W, 2, N), unit vectors from each wall into the arena.
+        own_position: (2, N), measured own position, m, with the GPS error of the drone.
+        own_velocity: (2, N), measured own velocity, m/s, with the GPS error of the drone.
+        received_position: (2, M), position of drone j as received from j, m: delayed, with the GPS error of j. M is N,
+            or a multiple of N where packets are kept: column j + a N holds the packet of a fixes earlier, extrapolated.
+        received_velocity: (2, M), velocity of drone j as received from j, m/s.
+        neighbours: (N, N), row i begins with the columns of the drones from which i receives packets.
+        neighbour_count: (N,), number of valid entries in each row of `neighbours`.
+        wall_distance: (W, N), distance from the measured position to each wall, m, negative beyond the wall.
+        wall_normal: (W, 2, N), unit normal of each wall, into the arena.
     """
 
     own_position: NDArray[np.float64]
@@ -37,7 +37,7 @@ class Observation(NamedTuple):
 
     @classmethod
     def empty(cls, drones: int, walls: int, kept: int = 0) -> Observation:
-        """Arrays of the right shapes, all zero; `kept`: how many earlier packets are kept."""
+        """Zero arrays for the given numbers of drones, walls and kept earlier packets."""
         return cls(
             own_position=np.zeros((2, drones)),
             own_velocity=np.zeros((2, drones)),
@@ -51,15 +51,15 @@ class Observation(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """One parameter of a policy.
+    """A parameter of a policy.
 
     Attributes:
-        name: as the named tuple of the policy and parameter files have it.
-        unit: such as "m"; "1" for none.
-        meaning: a few words.
+        name: name in the policy's named tuple and in parameter files.
+        unit: unit, such as "m"; "1" for none.
+        meaning: short description.
         low: lower bound of a search.
         high: upper bound of a search.
-        positive: whether the policy is defined for values over 0 only.
+        positive: True if the policy is defined only for values over 0.
     """
 
     name: str
@@ -71,24 +71,24 @@ class Parameter(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name and unit, as an axis is labelled."""
+        """Label of an axis: name and unit."""
         return self.name if self.unit == "1" else f"{self.name}, {self.unit.replace('^2', '²')}"
 
 
 class FlightConditions(NamedTuple):
-    """Numbers of a scenario and an airframe against which a policy's parameters are checked before a flight.
+    """Figures of a scenario and an airframe, for the checks of a policy's parameters before a flight.
 
     Attributes:
-        drones: how many.
-        v_flock: m/s, cruise speed.
-        v_max: m/s.
-        r_comm: m, range of the radios.
-        t_gps: s, interval of GPS fixes.
-        delay: s, of communication, the links' included.
-        tau: s, time constant of the velocity response.
-        a_max: m/s^2, the largest horizontal acceleration of the airframe in this scenario.
-        airframe: its name.
-        arena_area: m^2.
+        drones: number of drones.
+        v_flock: cruise speed, m/s.
+        v_max: largest desired speed, m/s.
+        r_comm: range of the radios, m.
+        t_gps: interval of GPS fixes, s.
+        delay: communication delay including that of the links, s.
+        tau: time constant of the velocity response, s.
+        a_max: largest horizontal acceleration of the airframe in this scenario, m/s^2.
+        airframe: name of the airframe.
+        arena_area: area of the arena, m^2.
     """
 
     drones: int
@@ -104,17 +104,17 @@ class FlightConditions(NamedTuple):
 
 
 class PolicyCheck(NamedTuple):
-    """The result of one check of a policy's parameters against the conditions of a flight.
+    """Result of a check of a policy's parameters against the conditions of a flight.
 
     Attributes:
-        name: of the check.
-        good: whether it passes.
-        value: the number that was checked.
-        unit: of the value.
-        limit: a few words.
-        advice: how to pass it.
-        fatal: whether a failure forbids the flight; otherwise it is a warning.
-        whole_flock: whether it is about the flock in this scenario, not about the parameters alone.
+        name: name of the check.
+        good: True if the check passes.
+        value: checked value.
+        unit: unit of the value.
+        limit: limit in words.
+        advice: remedy for a failure.
+        fatal: True if a failure forbids the flight; otherwise it is a warning.
+        whole_flock: True if the check depends on the flock and the scenario, not on the parameters alone.
     """
 
     name: str
@@ -132,15 +132,16 @@ def _no_checks(params: Any, conditions: FlightConditions) -> Sequence[PolicyChec
 
 
 class PolicySpec(NamedTuple):
-    """What the rest of the project needs to know of a policy.
+    """Entry of a policy in the registry.
 
     Attributes:
-        name: as parameter files, logs and the command line have it.
-        params: the named tuple of its parameters; its type chooses the implementation of `desired_velocity`.
-        parameters: in the order of the named tuple; those of a nested named tuple stand in its place.
-        interaction_range: m, from the parameters and v_flock (m/s): drones closer than this form a cluster.
-        dimensions: 2 for a horizontal velocity, 3 if the policy commands the climb rate too.
-        checks: checks of its parameters before a flight.
+        name: name in parameter files, in logs and on the command line.
+        params: named tuple type of the parameters; selects the implementation of `desired_velocity`.
+        parameters: the parameters in the order of the named tuple, with those of a nested named tuple in its place.
+        interaction_range: function of the parameters and v_flock (m/s) that returns the distance (m) within which
+            drones form a cluster.
+        dimensions: 2 for a horizontal velocity, 3 if the policy also commands the climb rate.
+        checks: function that checks the parameters before a flight.
     """
 
     name: str
@@ -157,7 +158,7 @@ class PolicySpec(NamedTuple):
 
 
 class SpeedLimits(NamedTuple):
-    """Speeds of the scenario that a policy keeps, m/s."""
+    """Speed limits of the scenario, m/s."""
 
     v_flock: float
     v_max: float
@@ -168,5 +169,12 @@ class SpeedLimits(NamedTuple):
 def desired_velocity(
     params: NamedTuple, limits: SpeedLimits, observation: Observation, out: NDArray[np.float64]
 ) -> None:
-    """Write each drone's desired velocity to `out`, (2, N), m/s, world."""
+    """Write the desired velocity of each drone.
+
+    Args:
+        params: parameters of the policy.
+        limits: speed limits of the scenario, m/s.
+        observation: observations of all drones.
+        out: (2, N), desired velocities, m/s, world; written.
+    """
     raise NotImplementedError

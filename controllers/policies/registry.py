@@ -1,4 +1,4 @@
-"""The registry of policies: each by its name, and the parameters of any policy as numbers by name."""
+"""Registry of policies by name, and conversion of their parameters from and to numbers."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from controllers.policies.target_tracking import TARGET_TRACKING
 from controllers.policies.vasarhelyi import VASARHELYI
 
 POLICIES = {spec.name: spec for spec in (VASARHELYI, TARGET_TRACKING, REYNOLDS)}
-"""By name. A policy that is added here can be flown, logged, searched and deployed."""
+"""Policies by name. A policy in this registry can be flown, logged, searched and deployed."""
 
 DEFAULT_POLICY = VASARHELYI.name
 
 
 def spec_of(params: NamedTuple) -> PolicySpec:
-    """The policy whose parameters these are.
+    """Policy of the given parameters.
 
     Raises:
-        TypeError: the parameters of no policy.
+        TypeError: the parameters belong to no policy.
     """
     for spec in POLICIES.values():
         if type(params) is spec.params:
@@ -29,7 +29,7 @@ def spec_of(params: NamedTuple) -> PolicySpec:
 
 
 def values_of(params: NamedTuple) -> dict[str, float]:
-    """The parameters as numbers by name; those of a nested named tuple stand in its place."""
+    """Parameters as numbers by name, with those of a nested named tuple in its place."""
     values: dict[str, float] = {}
     for name, value in zip(params._fields, params, strict=True):
         values |= values_of(cast("NamedTuple", value)) if hasattr(value, "_fields") else {name: float(value)}
@@ -37,14 +37,14 @@ def values_of(params: NamedTuple) -> dict[str, float]:
 
 
 def make_params(spec: PolicySpec, numbers: Iterable[float]) -> NamedTuple:
-    """Parameters in the policy's own type.
+    """Convert numbers to the parameter type of a policy.
 
     Args:
         spec: the policy.
-        numbers: as many as `spec.parameters`, in their order.
+        numbers: one number per parameter, in the order of `spec.parameters`.
 
     Raises:
-        ValueError: fewer or more numbers.
+        ValueError: the count of numbers is wrong.
     """
     numbers = tuple(numbers)
     if len(numbers) != len(spec.parameters):

@@ -1,8 +1,8 @@
 """Reynolds' policy: separation, cohesion and alignment as mean velocities over the nearest neighbours.
 
-Source: Reynolds 1987, Flocks, herds and schools; flown as velocities as by Schilling et al. 2019 (IEEE RA-L 4(3)) and
-Hauert et al. 2011 (IROS). Alignment is by relative velocities, so that one common heading is a fixed point. Walls turn
-a drone by shill agents, as in Vasarhelyi's policy.
+Source: Reynolds 1987, Flocks, herds and schools; as velocity commands, as in Schilling et al. 2019 (IEEE RA-L 4(3)) and
+Hauert et al. 2011 (IROS). Alignment uses relative velocities, so that a common heading is a fixed point. Walls act by
+shill agents, as in Vasarhelyi's policy.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from controllers.policies.interface import Observation, Parameter, PolicySpec, S
 from controllers.policies.shill import add_walls
 
 NEIGHBOURS = 7
-"""Nearest drones that a drone considers (Ballerini et al. 2008: birds consider 6 to 7)."""
+"""Number of nearest neighbours in the mean (Ballerini et al. 2008 find 6 to 7 for starlings)."""
 
 CLOSEST = 0.1
-"""m; a nearer neighbour counts as this far, so that separation stays finite."""
+"""Lower bound of the distance to a neighbour, m, which keeps separation finite."""
 
 
 class ReynoldsParams(NamedTuple):
-    """Parameters of the policy.
+    """Parameters of Reynolds' policy.
 
     Attributes:
         k_sep: gain of separation, m^2/s.
@@ -51,9 +51,9 @@ class ReynoldsParams(NamedTuple):
 
 @hot_kernel
 def _next_nearest(observation: Observation, i: int, beyond_sq: float, after: int) -> tuple[int, float]:
-    """The place in drone i's list of its next nearest neighbour, and its squared distance, m^2.
+    """Index of the next nearest neighbour in drone i's list, or -1, and its squared distance, m^2.
 
-    Neighbours are in the order of distance, then of place; the next one is the first after (beyond_sq, after).
+    Neighbours are ordered by distance, then by index. The next one is the first after (beyond_sq, after).
     """
     found, nearest_sq = -1, inf
     for k in range(observation.neighbour_count[i]):
@@ -67,16 +67,18 @@ def _next_nearest(observation: Observation, i: int, beyond_sq: float, after: int
 
 
 @hot_kernel
-def _wanted(params: ReynoldsParams, limits: SpeedLimits, observation: Observation, i: int) -> tuple[float, float]:
-    """Desired velocity of drone i before walls and before it is limited to v_max, m/s."""
+def _flock_velocity(
+    params: ReynoldsParams, limits: SpeedLimits, observation: Observation, i: int
+) -> tuple[float, float]:
+    """Desired velocity of drone i without walls, before it is limited to v_max, m/s."""
     vx, vy = observation.own_velocity[0, i], observation.own_velocity[1, i]
     sum_x, sum_y, count = 0.0, 0.0, 0
-    place, distance_sq = -1, -1.0
+    index, distance_sq = -1, -1.0
     while count < NEIGHBOURS:
-        place, distance_sq = _next_nearest(observation, i, distance_sq, place)
-        if place < 0:
+        index, distance_sq = _next_nearest(observation, i, distance_sq, index)
+        if index < 0:
             break
-        j = observation.neighbours[i, place]
+        j = observation.neighbours[i, index]
         rx = observation.received_position[0, j] - observation.own_position[0, i]
         ry = observation.received_position[1, j] - observation.own_position[1, i]
         pull = params.k_coh - params.k_sep / max(distance_sq, CLOSEST * CLOSEST)
@@ -97,14 +99,14 @@ def reynolds_policy(
 
     Args:
         params: the policy's parameters.
-        limits: speeds of the scenario, m/s.
-        observation: what each drone knows.
-        out: (2, N), m/s, world; written.
+        limits: speed limits of the scenario, m/s.
+        observation: observations of all drones.
+        out: (2, N), desired velocities, m/s, world; written.
     """
     for i in range(out.shape[1]):
-        wanted_x, wanted_y = _wanted(params, limits, observation, i)
-        wanted_x, wanted_y = add_walls(params, observation, i, wanted_x, wanted_y)
-        out[0, i], out[1, i] = clip_length(wanted_x, wanted_y, limits.v_max)
+        desired_x, desired_y = _flock_velocity(params, limits, observation, i)
+        desired_x, desired_y = add_walls(params, observation, i, desired_x, desired_y)
+        out[0, i], out[1, i] = clip_length(desired_x, desired_y, limits.v_max)
 
 
 decide = entry_kernel(reynolds_policy)
@@ -112,7 +114,7 @@ decide = entry_kernel(reynolds_policy)
 
 
 def interaction_range(params: ReynoldsParams, v_flock: float) -> float:  # noqa: ARG001
-    """Distance at which two drones rest, m, and a half more: drones closer than this form a cluster."""
+    """1.5 times the distance of two drones at rest, m: drones closer than this form a cluster."""
     return 1.5 * sqrt(params.k_sep / params.k_coh)
 
 

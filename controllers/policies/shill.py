@@ -1,4 +1,4 @@
-"""Shill agents: the rule of Vasarhelyi et al. 2018 by which walls and obstacles turn a drone, shared by policies."""
+"""Shill agents (Vasarhelyi et al. 2018): avoidance of walls and obstacles, shared by policies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from controllers.policies.interface import Observation
 def _towards_shill(
     params: NamedTuple, distance: float, normal_x: float, normal_y: float, vx: float, vy: float
 ) -> tuple[float, float]:
-    """Velocity towards that of a wall's shill agent, for a drone `distance` metres before it that moves at (vx, vy)."""
+    """Alignment with the shill agent of a wall, m/s, for a drone at `distance` (m) that moves at (vx, vy), m/s."""
     ex, ey = params.v_shill * normal_x - vx, params.v_shill * normal_y - vy  # type: ignore[attr-defined]
     difference_sq = ex * ex + ey * ey
     tolerated = braking_curve(
@@ -31,22 +31,22 @@ def _towards_shill(
 
 @hot_kernel
 def add_walls(
-    params: NamedTuple, observation: Observation, i: int, wanted_x: float, wanted_y: float
+    params: NamedTuple, observation: Observation, i: int, desired_x: float, desired_y: float
 ) -> tuple[float, float]:
-    """The wanted velocity of drone i with the terms of all walls added, m/s.
+    """Add the terms of all walls to the desired velocity of drone i, m/s.
 
     Args:
-        params: of any policy that has the five fields r0_shill (m), v_shill (m/s), a_shill (m/s^2), p_shill (1/s) and
-            c_shill.
+        params: parameters of a policy with the fields r0_shill (m), v_shill (m/s), a_shill (m/s^2), p_shill (1/s) and
+            c_shill (1).
         observation: distances and normals of the walls, and the drone's own velocity.
         i: number of the drone.
-        wanted_x: m/s.
-        wanted_y: m/s.
+        desired_x: desired velocity along x without walls, m/s.
+        desired_y: desired velocity along y without walls, m/s.
     """
     vx, vy = observation.own_velocity[0, i], observation.own_velocity[1, i]
     for wall in range(observation.wall_distance.shape[0]):
         normal_x, normal_y = observation.wall_normal[wall, 0, i], observation.wall_normal[wall, 1, i]
         shill_x, shill_y = _towards_shill(params, observation.wall_distance[wall, i], normal_x, normal_y, vx, vy)
-        wanted_x += shill_x
-        wanted_y += shill_y
-    return wanted_x, wanted_y
+        desired_x += shill_x
+        desired_y += shill_y
+    return desired_x, desired_y

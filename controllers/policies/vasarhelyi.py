@@ -1,7 +1,7 @@
-"""The flocking policy: 12 parameters, and what a drone senses, to its desired velocity.
+"""Vasarhelyi's flocking policy: desired velocity of a drone from its observation and 12 parameters.
 
 Source: Vasarhelyi et al., Optimized flocking of autonomous drones in confined environments, Science Robotics 3 (2018),
-with the shill gain of Bansal, Sethi, Anicho and Nagar (`c_shill`). Symbols are theirs.
+with the shill gain of Bansal, Sethi, Anicho and Nagar (`c_shill`). The symbols are those of the papers.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class VasarhelyiParams(NamedTuple):
         p_frict: slope of the alignment's braking curve, 1/s.
         v_frict: velocity difference that alignment tolerates, m/s.
         c_frict: gain of alignment, 1.
-        r0_shill: distance before the wall at which a drone should have stopped, m.
+        r0_shill: distance from the wall at which a drone stops, m.
         v_shill: speed of the shill agents, m/s.
         a_shill: acceleration of the wall's braking curve, m/s^2.
         p_shill: slope of the wall's braking curve, 1/s.
@@ -62,7 +62,7 @@ class VasarhelyiParams(NamedTuple):
 
 @kernel
 def _repulsion(params: VasarhelyiParams, v_rep_max: float, rx: float, ry: float) -> tuple[float, float]:
-    """Velocity away from a neighbour at (rx, ry), m."""
+    """Repulsion from a neighbour at relative position (rx, ry), m: velocity, m/s."""
     distance_sq = rx * rx + ry * ry
     if distance_sq >= params.r0_rep * params.r0_rep or distance_sq == 0:
         return 0.0, 0.0
@@ -73,7 +73,7 @@ def _repulsion(params: VasarhelyiParams, v_rep_max: float, rx: float, ry: float)
 
 @kernel
 def _alignment(params: VasarhelyiParams, rx: float, ry: float, vx: float, vy: float) -> tuple[float, float]:
-    """Velocity towards that of a neighbour at (rx, ry), m, which moves at (vx, vy), m/s, as seen from the drone."""
+    """Alignment with a neighbour at relative position (rx, ry), m, and relative velocity (vx, vy), m/s."""
     difference_sq = vx * vx + vy * vy
     if difference_sq <= params.v_frict * params.v_frict or difference_sq == 0:
         return 0.0, 0.0
@@ -93,21 +93,22 @@ def _alignment(params: VasarhelyiParams, rx: float, ry: float, vx: float, vy: fl
 def vasarhelyi_velocity(
     params: VasarhelyiParams, limits: SpeedLimits, observation: Observation, i: int
 ) -> tuple[float, float]:
-    """What drone i wants before the cut to v_max, m/s, world: self-propulsion + repulsion + alignment + walls.
+    """Desired velocity of drone i before it is limited to v_max, m/s, world.
 
-    A policy that adds to flocking calls this too, and cuts afterwards.
+    It is the sum of self-propulsion, repulsion, alignment and walls. A policy that extends flocking calls this function
+    and limits the sum of its own.
 
     Args:
         params: the 12 parameters.
-        limits: speeds of the scenario, m/s.
-        observation: what each drone knows.
+        limits: speed limits of the scenario, m/s.
+        observation: observations of all drones.
         i: number of the drone.
     """
     x, y = observation.own_position[0, i], observation.own_position[1, i]
     vx, vy = observation.own_velocity[0, i], observation.own_velocity[1, i]
     speed = sqrt(vx * vx + vy * vy)
     cruise = limits.v_flock / speed if speed > 0 else 0.0
-    want_x, want_y = cruise * vx, cruise * vy
+    desired_x, desired_y = cruise * vx, cruise * vy
     for k in range(observation.neighbour_count[i]):
         j = observation.neighbours[i, k]
         rx, ry = observation.received_position[0, j] - x, observation.received_position[1, j] - y
@@ -115,26 +116,26 @@ def vasarhelyi_velocity(
         frict_x, frict_y = _alignment(
             params, rx, ry, observation.received_velocity[0, j] - vx, observation.received_velocity[1, j] - vy
         )
-        want_x += rep_x + frict_x
-        want_y += rep_y + frict_y
-    return add_walls(params, observation, i, want_x, want_y)
+        desired_x += rep_x + frict_x
+        desired_y += rep_y + frict_y
+    return add_walls(params, observation, i, desired_x, desired_y)
 
 
 @implements(desired_velocity, VasarhelyiParams)
 def vasarhelyi_policy(
     params: VasarhelyiParams, limits: SpeedLimits, observation: Observation, out: NDArray[np.float64]
 ) -> None:
-    """Desired velocity of each drone: `vasarhelyi_velocity`, cut to v_max.
+    """Desired velocity of each drone: `vasarhelyi_velocity`, limited to v_max.
 
     Args:
         params: the 12 parameters.
-        limits: speeds of the scenario, m/s.
-        observation: what each drone knows.
-        out: (2, N), m/s, world; written.
+        limits: speed limits of the scenario, m/s.
+        observation: observations of all drones.
+        out: (2, N), desired velocities, m/s, world; written.
     """
     for i in range(out.shape[1]):
-        want_x, want_y = vasarhelyi_velocity(params, limits, observation, i)
-        out[0, i], out[1, i] = clip_length(want_x, want_y, limits.v_max)
+        desired_x, desired_y = vasarhelyi_velocity(params, limits, observation, i)
+        out[0, i], out[1, i] = clip_length(desired_x, desired_y, limits.v_max)
 
 
 decide = entry_kernel(vasarhelyi_policy)
@@ -142,24 +143,24 @@ decide = entry_kernel(vasarhelyi_policy)
 
 
 def interaction_range(params: VasarhelyiParams, v_flock: float) -> float:
-    """r_cluster of the paper, m: r0_rep + r0_frict + the braking distance from v_flock, m/s."""
+    """r_cluster of the paper, m: r0_rep + r0_frict + the braking distance from v_flock (m/s)."""
     return float(params.r0_rep + params.r0_frict + braking_distance(v_flock, params.a_frict, params.p_frict))
 
 
-_SEARCH_ANOTHER = "choose another point: moflock pick, moflock validate"
+_CHOOSE_ANOTHER = "choose another point: moflock pick, moflock validate"
 
-_FULL = 0.5
-"""Share of the arena that a flock at the distances of its repulsion may take."""
+_OCCUPANCY_MAX = 0.5
+"""Largest fraction of the arena that drones r0_rep apart may occupy."""
 
 _GAIN_MARGIN_MIN = 6.0
-"""dB, of the loop that keeps two drones apart."""
+"""Required gain margin of the loop that keeps two drones apart, dB."""
 
 _PHASE_MARGIN_MIN = 45.0
-"""Degrees, of the same loop."""
+"""Required phase margin of the same loop, degrees."""
 
 
 def checks(params: VasarhelyiParams, conditions: FlightConditions) -> Sequence[PolicyCheck]:
-    """All checks of the parameters before a flight: ranges, braking, space, and the loop of repulsion."""
+    """Check the parameters before a flight: ranges, braking, space, and the stability of repulsion."""
     return [
         *_range_checks(params, conditions),
         *_braking_checks(params, conditions),
@@ -169,7 +170,7 @@ def checks(params: VasarhelyiParams, conditions: FlightConditions) -> Sequence[P
 
 
 def _range_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
-    """Ranges must be in order for the terms of the policy to follow each other."""
+    """Check the order of the ranges of alignment, repulsion and radio."""
     closing = 2 * conditions.v_max * (conditions.delay + conditions.t_gps + conditions.tau)
     return [
         PolicyCheck(
@@ -178,7 +179,7 @@ def _range_checks(params: VasarhelyiParams, conditions: FlightConditions) -> lis
             value=params.r0_frict,
             unit="m",
             limit=f"r0_frict at least r0_rep, {params.r0_rep:g} m",
-            advice=f"drones would be pushed apart before they match speeds: {_SEARCH_ANOTHER}",
+            advice=f"drones would be pushed apart before they match speeds: {_CHOOSE_ANOTHER}",
         ),
         PolicyCheck(
             name="repulsion within radio range",
@@ -186,7 +187,7 @@ def _range_checks(params: VasarhelyiParams, conditions: FlightConditions) -> lis
             value=params.r0_rep,
             unit="m",
             limit=f"r0_rep at most r_comm, {conditions.r_comm:g} m",
-            advice="drones cannot avoid drones that they do not receive: use radios of longer range, or another point",
+            advice="drones cannot avoid drones that are out of radio range: use better radios, or another point",
         ),
         PolicyCheck(
             name="alignment within radio range",
@@ -211,24 +212,24 @@ def _range_checks(params: VasarhelyiParams, conditions: FlightConditions) -> lis
 
 
 def _braking_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
-    """Braking curves must not ask for more than the airframe can do."""
-    hardest = conditions.a_max
+    """Check that the airframe can follow the braking curves."""
+    strongest = conditions.a_max
     return [
         PolicyCheck(
             name="braking at walls",
-            good=params.a_shill <= hardest,
+            good=params.a_shill <= strongest,
             value=params.a_shill,
             unit="m/s^2",
-            limit=f"a_shill at most {hardest:.3g} m/s^2, what {conditions.airframe} can do",
-            advice=f"drones would overshoot the wall: {_SEARCH_ANOTHER}, or use a stronger airframe",
+            limit=f"a_shill at most {strongest:.3g} m/s^2, the limit of the {conditions.airframe}",
+            advice=f"drones would overshoot the wall: {_CHOOSE_ANOTHER}, or use a stronger airframe",
         ),
         PolicyCheck(
             name="braking among drones",
-            good=params.a_frict <= 2 * hardest,
+            good=params.a_frict <= 2 * strongest,
             value=params.a_frict,
             unit="m/s^2",
-            limit=f"a_frict at most {2 * hardest:.3g} m/s^2: both drones of a pair brake",
-            advice=f"two drones that meet could not brake as the policy assumes: {_SEARCH_ANOTHER}",
+            limit=f"a_frict at most {2 * strongest:.3g} m/s^2: both drones of a pair brake",
+            advice=f"two drones that meet could not brake as the policy assumes: {_CHOOSE_ANOTHER}",
         ),
         PolicyCheck(
             name="walls turn the flock",
@@ -242,27 +243,27 @@ def _braking_checks(params: VasarhelyiParams, conditions: FlightConditions) -> l
 
 
 def _space_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
-    """The arena must have space: in hexagonal packing a drone takes sqrt(3)/2 times its distance squared."""
-    taken = conditions.drones * sqrt(3) / 2 * params.r0_rep**2 / conditions.arena_area
+    """Check the space in the arena: in hexagonal packing a drone takes sqrt(3)/2 times the distance squared."""
+    occupancy = conditions.drones * sqrt(3) / 2 * params.r0_rep**2 / conditions.arena_area
     return [
         PolicyCheck(
             name="space in the arena",
-            good=taken <= _FULL,
-            value=100 * taken,
+            good=occupancy <= _OCCUPANCY_MAX,
+            value=100 * occupancy,
             unit="%",
-            limit=f"drones r0_rep apart take at most {100 * _FULL:g} % of the arena",
+            limit=f"drones r0_rep apart take at most {100 * _OCCUPANCY_MAX:g} % of the arena",
             advice="fly fewer drones or use a larger arena",
-            fatal=taken > 1,
+            fatal=occupancy > 1,
             whole_flock=True,
         ),
     ]
 
 
 def _loop_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list[PolicyCheck]:
-    """Margins of the loop that keeps two drones apart, through the links.
+    """Check the stability margins of the loop that keeps two drones apart over the radio links.
 
-    Both move by p_rep (m/s for each m of distance), with the velocity response of the airframe, 1 / (1 + tau s), on
-    positions that are as old as the delay, and on average half of an interval of fixes.
+    Each drone responds to the distance with the gain p_rep (1/s) and the velocity response 1 / (1 + tau s). The age of
+    a position is the delay plus, on average, half of an interval of fixes.
     """
     import control  # noqa: PLC0415 - takes most of a second
 
@@ -272,19 +273,19 @@ def _loop_checks(params: VasarhelyiParams, conditions: FlightConditions) -> list
     loop = 2 * params.p_rep / (s * (1 + conditions.tau * s)) * control.tf(numerator, denominator)
     gain, phase, _, _ = map(float, control.margin(loop))
     decibels = 20 * log10(gain) if 0 < gain < inf else inf
-    what = f"with {1e3 * conditions.delay:.0f} ms of delay"
+    condition = f"with {1e3 * conditions.delay:.0f} ms of delay"
     margins = (("gain", decibels, _GAIN_MARGIN_MIN, "dB"), ("phase", phase, _PHASE_MARGIN_MIN, "degrees"))
     return [
         PolicyCheck(
-            name=f"{kind} margin of repulsion {what}",
-            good=value >= least,
+            name=f"{kind} margin of repulsion {condition}",
+            good=value >= minimum,
             value=value,
             unit=unit,
-            limit=f"at least {least:g} {unit}",
+            limit=f"at least {minimum:g} {unit}",
             advice="shorten the delay (radios, rates), or choose a point with a smaller p_rep",
             whole_flock=True,
         )
-        for kind, value, least, unit in margins
+        for kind, value, minimum, unit in margins
     ]
 
 

@@ -1,4 +1,4 @@
-"""The command `moflock`: its commands, from this package and from the entry points, and its exit statuses."""
+"""The program `moflock`: its commands, from this package and from entry points, and its exit statuses."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from types import FrameType
 
 import typer
 
-from moflock_mj.cli import deploy, fleet, fly, preflight, replay
+from moflock_mj.cli import deploy, fleet, fly, preflight, replay, schema
 from moflock_mj.cli.options import BAD_INPUT, INTERRUPTED
 from moflock_mj.errors import MoflockError, StoppedError
 from moflock_mj.rendering.gl import do_without_gl
 
 ENTRY_POINTS = "moflock.commands"
-"""Group of the entry points that add commands; each gives a `typer.Typer`."""
+"""Group of the entry points that add commands; each loads a `typer.Typer`."""
 
 _ORDER = ("pca", "optimize", "front", "target", "validate", "identify", "sensitivity")
-"""Entry points in the order in which `moflock --help` lists their commands; others follow by name."""
+"""Order of the entry points in `moflock --help`; others follow by name."""
 
 
 def make_app() -> typer.Typer:
-    """The command line with all commands that are installed."""
+    """Build the command line from all installed commands."""
     app = typer.Typer(
         name="moflock",
-        help="Fly flocks of quadrotors on MuJoCo physics before they fly for real.",
+        help="Simulate flocks of quadrotors on MuJoCo physics, tune their parameters, and deploy them.",
         add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
@@ -34,11 +34,11 @@ def make_app() -> typer.Typer:
 
     @app.callback()
     def moflock() -> None:
-        """Fly flocks of quadrotors on MuJoCo physics before they fly for real."""
+        """Simulate flocks of quadrotors on MuJoCo physics, tune their parameters, and deploy them."""
 
     for part in (fly.commands, replay.commands, *_installed_commands()):
         app.add_typer(part)
-    for part in (fleet.commands, preflight.commands, deploy.commands):
+    for part in (fleet.commands, preflight.commands, deploy.commands, schema.commands):
         app.add_typer(part)
     return app
 
@@ -50,7 +50,7 @@ def _installed_commands() -> list[typer.Typer]:
 
 
 def main() -> None:
-    """Run the command line; an error that the user can correct becomes one line on stderr."""
+    """Run the command line; print an error that the user can correct as one line on stderr."""
     signal.signal(signal.SIGTERM, _leave)
     do_without_gl()
     try:

@@ -1,4 +1,4 @@
-"""What a flight looks like in a terminal: progress, tables, JSON, Ctrl-C."""
+"""Terminal output of a simulated flight (progress bar, tables, JSON), and the handling of Ctrl-C."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from moflock_mj.metrics.fitness import Fitness
 from moflock_mj.metrics.order_parameters import OrderParameters
 from moflock_mj.parameters.points import point_names
 from moflock_mj.simulation.results import Flight
-from moflock_mj.simulation.results import Progress as Told
+from moflock_mj.simulation.results import Progress as ProgressCallback
 
 
-def log_path(asked: str | None, point: str, dynamics: str, seed: int) -> Path | None:
-    """Where a flight's log goes: the file that the user names, nowhere for "none", else a new file of a folder."""
-    if asked == "none":
+def log_path(option: str | None, point: str, dynamics: str, seed: int) -> Path | None:
+    """Path of a flight's log: the given file, None for "none", else a new file in the given folder or in logs/."""
+    if option == "none":
         return None
-    folder = Path("logs") if asked is None else Path(asked)
-    if asked is not None and not asked.endswith("/") and not folder.is_dir():
-        return folder if folder.suffix == ".mcap" else Path(f"{asked}.mcap")
+    folder = Path("logs") if option is None else Path(option)
+    if option is not None and not option.endswith("/") and not folder.is_dir():
+        return folder if folder.suffix == ".mcap" else Path(f"{option}.mcap")
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     name = point if point in point_names() else Path(point).stem
     return folder / f"{now}-{name}-{dynamics}-seed{seed}.mcap"
 
 
 class _Rate(ProgressColumn):
-    """Simulated time over wall time."""
+    """Column with the ratio of simulated time to wall time."""
 
     def render(self, task: Task) -> Text:
         return Text(f"{task.completed / task.elapsed:.0f}x real time" if task.elapsed else "")
 
 
 @contextlib.contextmanager
-def flight_progress(duration: float) -> Iterator[Told]:
-    """A progress bar on stderr, if that is a terminal: simulated time, speed over real time, running fitness."""
+def flight_progress(duration: float) -> Iterator[ProgressCallback]:
+    """Show simulated time, real-time factor and running fitness on stderr, if that is a terminal."""
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
@@ -57,45 +57,45 @@ def flight_progress(duration: float) -> Iterator[Told]:
         TextColumn("{task.fields[fitness]}"),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("preparing (a first flight compiles for some 20 s)", total=duration, fitness="")
+        task = bar.add_task("preparing (the first flight compiles for about 20 s)", total=duration, fitness="")
 
-        def told(flown: float, fitness: Fitness) -> None:
+        def report(flown: float, fitness: Fitness) -> None:
             if not bar.tasks[0].completed:
                 bar.reset(task, description="flying")
             bar.update(task, completed=flown, fitness=f"F_1 {fitness.F_1:.3f}  F_2 {fitness.F_2:.3f}")
 
-        yield told
+        yield report
 
 
 @contextlib.contextmanager
-def share_progress(what: str) -> Iterator[Callable[[float], None]]:
-    """A progress bar on stderr, if that is a terminal, told the share that is done, from 0 to 1."""
+def share_progress(description: str) -> Iterator[Callable[[float], None]]:
+    """Show the completed share, from 0 to 1, as a progress bar on stderr, if that is a terminal."""
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=1.0)
+        task = bar.add_task(description, total=1.0)
         yield lambda share: bar.update(task, completed=share)
 
 
 @contextlib.contextmanager
 def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C (or SIGTERM) into a wish to stop; a second one breaks off at once."""
-    asked = threading.Event()
+    """Turn the first Ctrl-C (or SIGTERM) into a request to stop; the second one raises KeyboardInterrupt."""
+    requested = threading.Event()
 
     def note(signal_number: int, frame: FrameType | None) -> None:  # noqa: ARG001
-        if asked.is_set():
+        if requested.is_set():
             raise KeyboardInterrupt
-        asked.set()
+        requested.set()
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield asked.is_set
+        yield requested.is_set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
 def print_flight(flight: Flight, *, as_json: bool) -> None:
-    """Print a flight's figures to stdout."""
+    """Print a flight's results to stdout."""
     if as_json:
         print(json.dumps(flight_summary(flight), indent=1))
         return
@@ -107,7 +107,7 @@ def print_flight(flight: Flight, *, as_json: bool) -> None:
 
 
 def flight_summary(flight: Flight) -> dict[str, Any]:
-    """A flight's figures as JSON values."""
+    """A flight's results as JSON values."""
     return {
         "dynamics": flight.dynamics,
         "seed": flight.seed,
@@ -133,8 +133,8 @@ def _head_line(flight: Flight) -> str:
     )
 
 
-class Judged(Protocol):
-    """What has order parameters and fitness."""
+class Scored(Protocol):
+    """Anything with order parameters and fitness."""
 
     @property
     def order_parameters(self) -> OrderParameters: ...
@@ -143,8 +143,8 @@ class Judged(Protocol):
     def fitness(self) -> Fitness: ...
 
 
-def figures_table(flight: Judged) -> Table:
-    """A flight's order parameters and fitness."""
+def figures_table(flight: Scored) -> Table:
+    """Table of a flight's order parameters and fitness."""
     table = Table("order parameter", "value", "", "fitness", "value")
     for column in (1, 4):
         table.columns[column].justify = "right"
@@ -162,14 +162,14 @@ def _closing_lines(flight: Flight) -> list[str]:
     if flight.body:
         body = flight.body
         lines.append(
-            f"touched: {body.touched} of {flight.scenario.drones} drones, {body.lost} lost; largest tilt "
+            f"drones in contact: {body.touched} of {flight.scenario.drones}, {body.lost} lost; largest tilt "
             f"{math.degrees(body.tilt_max):.1f} deg; largest altitude error {body.altitude_error_max:.2f} m; "
-            f"a rotor at its limit {100 * body.saturated_share:.2g} % of the time; "
-            f"{body.energy / 3600:.4g} Wh taken"
+            f"rotors saturated {100 * body.saturated_share:.2g} % of the time; "
+            f"{body.energy / 3600:.4g} Wh consumed"
         )
     if flight.log:
         lines.append(f"log: {flight.log}")
     if not flight.complete:
-        end = "; the log is finished" if flight.log else ""
+        end = "; the log is complete up to there" if flight.log else ""
         lines.append(f"interrupted at {flight.flown:g} s of {flight.scenario.duration:g} s{end}")
     return lines

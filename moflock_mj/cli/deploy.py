@@ -1,4 +1,4 @@
-"""What a deployment looks like in a terminal: events as they come, Ctrl-C, the flight's figures."""
+"""The command `moflock deploy`: its options, its terminal output, and the handling of Ctrl-C."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from moflock_mj.cli.options import (
     Autopilot,
     Count,
     KeyFile,
+    PointArgument,
     ScenarioFile,
     given_scenario,
 )
@@ -40,7 +41,7 @@ commands = typer.Typer()
 
 
 class FinishOption(enum.StrEnum):
-    """How a deployment ends."""
+    """End of a deployment."""
 
     HOLD = "hold"
     RETURN = "return"
@@ -49,43 +50,54 @@ class FinishOption(enum.StrEnum):
 
 _DEPLOY_EXAMPLE = """Example: moflock deploy steady --vehicles udp:127.0.0.1:14600-14609 --duration 60 --rehearse
 
-Vehicles are KIND:HOST:PORT or KIND:HOST:PORT-LAST, several separated by commas. udp (udpout): we speak first, to
-vehicles that listen, such as those of moflock fleet. udpin: we listen; PX4 speaks to port 14540 + i, ArduPilot to
-14550. tcp: ArduPilot's simulators at 5760, 5770...
+Vehicles are KIND:HOST:PORT or KIND:HOST:PORT-LAST, several separated by commas. udp (or udpout) sends first, to
+vehicles that listen, such as those of moflock fleet. udpin listens; PX4 sends to port 14540 + i, ArduPilot to 14550.
+tcp connects; ArduPilot's simulators listen at 5760, 5770, ...
 
-Ctrl-C (or SIGTERM) once: all hold; twice: all land; three times: they are left to their own failsafes.
+Ctrl-C (or SIGTERM) once: all vehicles hold. Twice: all land. Three times: control is released, and the vehicles' own
+failsafes take over.
 
-Watchdogs are NAME=LIMIT:ACTION, such as battery=0.3:return, with actions slow, hold, return, land. stale (s, age of a
-position), lost (s of silence), fence (m outside of the arena where it would stop), separation (m), battery (share of
-charge); keep_off (m, that the flock keeps off who has left it) has no action. Who is in a mode that nobody here has
-asked for is flown by somebody else, and never commanded again."""
+Watchdogs are NAME=LIMIT:ACTION, such as battery=0.3:return. Actions: slow, hold, return, land. Names: stale (age of the
+position, s), lost (silence, s), fence (stopping point outside the arena, m), separation (distance to the nearest
+vehicle, m), battery (share of charge). keep_off (distance kept from a vehicle that left the flock, m) has no action. A
+vehicle in a mode that deploy did not request is under a pilot or a failsafe, and is not commanded again."""
 
 
 @commands.command("deploy", epilog=_DEPLOY_EXAMPLE)
 def deploy_command(
-    point: Annotated[str, typer.Argument(help="knee, fast, cohesive, steady, A, B, model_optimum, or a .json file.")],
-    vehicles: Annotated[str, typer.Option(help="Where they are, such as udp:127.0.0.1:14600-14609.")],
+    point: PointArgument,
+    vehicles: Annotated[str, typer.Option(help="Addresses of the vehicles, such as udp:127.0.0.1:14600-14609.")],
     scenario: ScenarioFile = None,
-    duration: Annotated[float | None, typer.Option(help="Seconds in the flock; by default the scenario's.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Time under the policy, s; by default the scenario's duration.")
+    ] = None,
     count: Count = None,
-    autopilot: Annotated[Autopilot | None, typer.Option(help="What all must be.")] = None,
-    finish: Annotated[FinishOption, typer.Option(help="How it ends.")] = FinishOption.LAND,
+    autopilot: Annotated[
+        Autopilot | None, typer.Option(help="Autopilot that all vehicles must have; by default any.")
+    ] = None,
+    finish: Annotated[FinishOption, typer.Option(help="Action at the end.")] = FinishOption.LAND,
     origin: Annotated[
         str | None,
-        typer.Option(help="LATITUDE,LONGITUDE of the arena's middle, degrees; by default the mean of the homes."),
+        typer.Option(help="LATITUDE,LONGITUDE of the arena's centre, degrees; by default the mean of the homes."),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="Of moflock preflight; by default the newest fitting one in logs/.")
+        Path | None, typer.Option(help="Report of moflock preflight; by default the newest matching one in logs/.")
     ] = None,
-    rehearse: Annotated[bool, typer.Option("--rehearse", help="No report: simulated vehicles alone.")] = False,
+    rehearse: Annotated[
+        bool,
+        typer.Option("--rehearse", help="Skip the pre-flight report; accepted for simulated vehicles only."),
+    ] = False,
     watchdog: Annotated[list[str] | None, typer.Option(help="NAME=LIMIT:ACTION; may be given several times.")] = None,
-    interval: Annotated[float, typer.Option(help="Seconds between two take-offs.", min=0.0, max=60.0)] = 1.0,
-    timeout: Annotated[float, typer.Option(help="Seconds to wait for the vehicles.", min=0.0, max=600.0)] = 10.0,
+    interval: Annotated[float, typer.Option(help="Time between two take-offs, s.", min=0.0, max=60.0)] = 1.0,
+    timeout: Annotated[float, typer.Option(help="Time to wait for the vehicles, s.", min=0.0, max=600.0)] = 10.0,
     key_file: KeyFile = None,
     log: Annotated[str | None, typer.Option(help="MCAP file, or none; by default a new file in logs/.")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Fly real or simulated vehicles by a point that has passed its pre-flight checks."""
+    """Fly real or simulated vehicles with a checked point.
+
+    Unless --rehearse is given, a recent report of preflight must cover the point, the scenario and the vehicles.
+    """
     return deploy_vehicles(
         point,
         vehicles,
@@ -106,18 +118,18 @@ def deploy_command(
 
 
 FAILED = 1
-"""Exit status: a check failed, or the flight did."""
+"""Exit status after a failed check or a failed flight."""
 
 
-_SWITCH = 0.0005
-"""s, after which a thread lets another one go on."""
+_SWITCH_INTERVAL = 0.0005
+"""Thread switch interval, s."""
 
 
 def run_deployment(plan: DeployPlan, key: SigningKey | None, check: Check | None, *, as_json: bool) -> int:
     """Deploy a flock; returns the exit status.
 
     Raises:
-        MoflockError: nobody was armed, because of this.
+        MoflockError: the deployment was refused before any vehicle was armed.
     """
     from rich.console import Console
 
@@ -129,8 +141,8 @@ def run_deployment(plan: DeployPlan, key: SigningKey | None, check: Check | None
         if not as_json:
             console.print(f"{event.time_ns / 1e9:7.1f} s  {_mark(event)}{event.message}", markup=False)
 
-    # The log's thread must not keep a setpoint waiting.
-    sys.setswitchinterval(_SWITCH)
+    # The log's thread must not delay a setpoint.
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     try:
         deployed = asyncio.run(_deploy(plan, key, check, say))
     except CheckFailedError as problem:
@@ -148,7 +160,7 @@ def run_deployment(plan: DeployPlan, key: SigningKey | None, check: Check | None
 
 
 def deployment_summary(deployed: Deployed) -> dict[str, Any]:
-    """A deployment as JSON values, named as those of a simulated flight where they are the same."""
+    """A deployment's results as JSON values, with the names of a simulated flight where both have them."""
     figures, plan = deployed.figures, deployed.plan
     return {
         "dynamics": "deployed",
@@ -186,7 +198,7 @@ async def _deploy(plan: DeployPlan, key: SigningKey | None, check: Check | None,
 
 @contextlib.contextmanager
 def _interrupts_by_signal(interrupts: InterruptHandler) -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into wishes; before anybody is armed, into an end."""
+    """Pass Ctrl-C and SIGTERM to the interrupt handler."""
     loop = asyncio.get_running_loop()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     for number in before:
@@ -219,7 +231,7 @@ def _print_deployment(console: Console, deployed: Deployed) -> None:
     if plan.log:
         console.print(f"log: {plan.log}")
     if deployed.error:
-        console.print(f"it failed: {deployed.error}", markup=False)
+        console.print(f"deployment failed: {deployed.error}", markup=False)
 
 
 def _mark(event: FlightEvent) -> str:
@@ -244,10 +256,10 @@ def deploy_vehicles(
     log: str | None,
     as_json: bool,
 ) -> int:
-    """Deploy; arguments are those of the command line. Returns the exit status.
+    """Deploy with the arguments of the command line; returns the exit status.
 
     Raises:
-        MoflockError: nobody was armed, because of this.
+        MoflockError: the deployment was refused before any vehicle was armed.
     """
     from moflock_mj.cli.console import log_path
     from moflock_mj.deployment.deployment import DeployPlan, Finish
@@ -259,9 +271,11 @@ def deploy_vehicles(
     from moflock_mj.scenario.scenario import DEPLOYED
 
     if rehearse and report is not None:
-        raise DeploymentError("report: a rehearsal needs none; it must be --rehearse or --report")
+        raise DeploymentError("report: --rehearse and --report exclude each other; it must be one")
     if scenario.faults:
-        raise DeploymentError("faults: a scenario to be deployed has none; moflock fleet breaks simulated vehicles")
+        raise DeploymentError(
+            "faults: the scenario of a deployment must have none; moflock fleet injects faults into simulated vehicles"
+        )
     key = find_key(key_file)
     plan = DeployPlan(
         params=load_point(point),
@@ -278,12 +292,12 @@ def deploy_vehicles(
         log=log_path(log, point, DEPLOYED, 0),
         metadata={"point": point, "finish": finish, "rehearsal": json.dumps(rehearse)},
     )
-    check = None if rehearse else _permission(plan, report, key)
+    check = None if rehearse else _report_check(plan, report, key)
     return run_deployment(plan, key, check, as_json=as_json)
 
 
-def _permission(plan: DeployPlan, path: Path | None, key: SigningKey | None) -> Check:
-    """What refuses vehicles that no report allows to deploy; what can be seen without them is refused here."""
+def _report_check(plan: DeployPlan, path: Path | None, key: SigningKey | None) -> Check:
+    """Check that raises unless a report covers the vehicles; raises at once if there is no readable report."""
     from moflock_mj.deployment.clearance import candidates, require_permission
 
     reports = candidates(path, key)

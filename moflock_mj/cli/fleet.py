@@ -1,4 +1,4 @@
-"""What a fleet looks like in a terminal: its endpoints, a status line, the end."""
+"""The command `moflock fleet`: its options, and the terminal output of simulated vehicles."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from moflock_mj.cli.options import (
+    Airframe,
     Autopilot,
     KeyFile,
     given_scenario,
@@ -35,58 +36,69 @@ commands = typer.Typer()
 
 _FLEET_EXAMPLE = """Example: moflock fleet --vehicles 3 --fault vehicle=1,at=60,kind=gps_loss,duration=10
 
-Vehicle i listens on UDP port base-port + i and answers whoever speaks to it. MAVSDK: udpout://127.0.0.1:14600 for the
-first vehicle. MAVProxy: mavproxy.py --master udpout:127.0.0.1:14600. With --to 127.0.0.1:14540 all vehicles speak
-first, and a client waits for them: MAVSDK udpin://127.0.0.1:14540, MAVProxy --master udpin:127.0.0.1:14540.
+Vehicle i listens on UDP port base-port + i and replies to every sender. MAVSDK: udpout://127.0.0.1:14600 for the first
+vehicle. MAVProxy: mavproxy.py --master udpout:127.0.0.1:14600. With --to 127.0.0.1:14540 all vehicles send first, to a
+client that listens: MAVSDK udpin://127.0.0.1:14540, MAVProxy --master udpin:127.0.0.1:14540.
 
-A fault has a kind, vehicle (from 0, or all), at (s) and duration (s). Kinds: gps_loss, link_loss (share of packets),
-link_delay (delay, s), cannot_receive, cannot_transmit, rotor_failure (rotor 0 to 3), low_battery (charge, a share),
-duplicate_id (system), pilot.
+A fault has a kind, vehicle (number from 0, or all), at (start, s) and duration (s). Kinds: gps_loss, link_loss
+(packets, share lost), link_delay (delay, s), cannot_receive, cannot_transmit, rotor_failure (rotor, 0 to 3),
+low_battery (charge, share left), duplicate_id (system), pilot.
 
-With --physics-for, the bodies are flown by real autopilots instead: programs that --autopilot-command starts, or that
-you start. They are waited for at 127.0.0.1, ArduPilot's instance i at UDP port 9002 + 10 i, PX4's at TCP port 4560 + i:
+With --physics-for, real autopilots fly the simulated airframes. --autopilot-command starts these programs; without it,
+start them yourself. They connect to 127.0.0.1: ArduPilot's instance i to UDP port 9002 + 10 i, PX4's to TCP port
+4560 + i:
 
   moflock fleet --physics-for ardupilot --vehicles 3 --autopilot-command "arducopter --model JSON:127.0.0.1
-  -I{instance} --sysid {sysid} --home {home} --speedup {speed} --defaults {here}/copter.parm"
+-I{instance} --sysid {sysid} --home {home} --speedup {speed} --defaults {here}/copter.parm"
 
   moflock fleet --physics-for px4 --autopilot-command "env PX4_SYS_AUTOSTART=10016 px4 -i {instance} -d /px4/etc"
 
-Links are signed if --key-file or the environment variable MOFLOCK_SIGNING_KEY gives a key: 64 hexadecimal digits, or a
-pass phrase."""
+Links are signed if --key-file or the environment variable MOFLOCK_SIGNING_KEY provides a key: 64 hexadecimal digits, or
+a pass phrase."""
 
 
 @commands.command("fleet", epilog=_FLEET_EXAMPLE)
 def fleet_command(
     context: typer.Context,
-    vehicles: Annotated[int | None, typer.Option(help="Number; by default the scenario's drones, or 1.")] = None,
-    autopilot: Annotated[Autopilot, typer.Option(help="How they behave.")] = Autopilot.ARDUPILOT,
-    base_port: Annotated[int, typer.Option(help="UDP port of the first vehicle; 0: any that are free.")] = 14600,
-    bind: Annotated[str, typer.Option(help="Address of this machine at which they listen.")] = "127.0.0.1",
-    to: Annotated[str | None, typer.Option(help="HOST:PORT to which they send unasked.")] = None,
-    speed: Annotated[float, typer.Option(help="Simulated over real time.")] = 1.0,
-    spacing: Annotated[float, typer.Option(help="Between neighbours on the ground, m.")] = 12.0,
-    boot: Annotated[float, typer.Option(help="Simulated seconds until a position can be used.")] = 8.0,
-    scenario: Annotated[Path | None, typer.Option(help="TOML file: airframe, response, noise.")] = None,
-    airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
-    fault: Annotated[list[str] | None, typer.Option(help="A fault; may be given several times.")] = None,
-    faults: Annotated[Path | None, typer.Option(help="TOML file of faults, a table [[faults]] each.")] = None,
+    vehicles: Annotated[
+        int | None, typer.Option(help="Number of vehicles; by default the drones of --scenario, or 1.")
+    ] = None,
+    autopilot: Annotated[Autopilot, typer.Option(help="Autopilot to simulate.")] = Autopilot.ARDUPILOT,
+    base_port: Annotated[int, typer.Option(help="UDP port of the first vehicle; 0 for any free ports.")] = 14600,
+    bind: Annotated[str, typer.Option(help="Local address on which the vehicles listen.")] = "127.0.0.1",
+    to: Annotated[str | None, typer.Option(help="HOST:PORT of a client to which the vehicles send first.")] = None,
+    speed: Annotated[float, typer.Option(help="Simulated seconds per real second.")] = 1.0,
+    spacing: Annotated[float, typer.Option(help="Distance between neighbours on the ground, m.")] = 12.0,
+    boot: Annotated[float, typer.Option(help="Simulated time from power-on to a usable position, s.")] = 8.0,
+    scenario: Annotated[Path | None, typer.Option(help="TOML file of the scenario: airframe, response, noise.")] = None,
+    airframe: Airframe = None,
+    fault: Annotated[
+        list[str] | None, typer.Option(help="Fault to inject, as below; may be given several times.")
+    ] = None,
+    faults: Annotated[Path | None, typer.Option(help="TOML file of faults, one table [[faults]] each.")] = None,
     key_file: KeyFile = None,
-    physics_for: Annotated[Autopilot | None, typer.Option(help="Be the physics of real autopilots.")] = None,
+    physics_for: Annotated[Autopilot | None, typer.Option(help="Simulate the physics for real autopilots.")] = None,
     autopilot_command: Annotated[
         str | None,
-        typer.Option(help="Starts one of them: {instance}, {sysid}, {port}, {home}, {speed}, {here} are filled in."),
+        typer.Option(
+            help="Command that starts one real autopilot, with placeholders {instance}, {sysid}, {port}, {home}, "
+            "{speed}, {here}."
+        ),
     ] = None,
     autopilot_folder: Annotated[
-        Path | None, typer.Option(help="Of their working directories and output; by default a new one in logs/.")
+        Path | None,
+        typer.Option(help="Folder of the real autopilots' working directories; by default a new one in logs/."),
     ] = None,
-    physics_port: Annotated[int | None, typer.Option(help="Of the first; by default the autopilot's own.")] = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated seconds; by default until Ctrl-C.")] = None,
+    physics_port: Annotated[
+        int | None, typer.Option(help="Physics port of the first vehicle; the autopilot's default if absent.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time, s; by default until Ctrl-C.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print a JSON object at the start and one at the end.")
     ] = False,
 ) -> int:
-    """Simulated vehicles that speak MAVLink, in real time: a rehearsal for those who command real ones."""
+    """Simulate MAVLink vehicles in real time to rehearse deployments."""
     from moflock_mj.mavlink.signing import find_key
     from moflock_mj.simulated_vehicles.fleet import FleetPlan
     from moflock_mj.simulated_vehicles.vehicle_faults import VehicleFault, load_faults
@@ -94,7 +106,7 @@ def fleet_command(
     flown = given_scenario(scenario, airframe=airframe)
     number = vehicles if vehicles is not None else flown.drones if scenario else 1
     if physics_for is not None:
-        refuse_options(context, _NOT_OF_REAL_AUTOPILOTS, "--physics-for")
+        refuse_options(context, _SIMULATED_AUTOPILOT_OPTIONS, "--physics-for")
         from moflock_mj.cli.sitl import run_physics
         from moflock_mj.sitl.lockstep import PhysicsPlan
 
@@ -108,7 +120,7 @@ def fleet_command(
             seed=seed,
         )
         return run_physics(physics, autopilot_command, autopilot_folder, duration, as_json=as_json)
-    refuse_options(context, ("autopilot_command", "autopilot_folder", "physics_port"), "a fleet without --physics-for")
+    refuse_options(context, ("autopilot_command", "autopilot_folder", "physics_port"), "simulated autopilots")
     plan = FleetPlan(
         vehicles=number,
         autopilot=autopilot.value,
@@ -126,30 +138,30 @@ def fleet_command(
 
 
 _REFRESH = 0.5
-"""s, between two status lines."""
+"""Interval of the status line, s."""
 
 
 def address(text: str) -> Address:
-    """Numeric host and port of a text such as 127.0.0.1:14540.
+    """Parse a text such as 127.0.0.1:14540 into numeric host and port.
 
     Raises:
-        FleetError: it is no such text, or nobody knows the host.
+        FleetError: the text has another form, or the host cannot be resolved.
     """
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise FleetError(f"to: {text!r} must be HOST:PORT with a port from 1 to 65535")
+        raise FleetError(f"to: {text!r}: it must be HOST:PORT with a port from 1 to 65535")
     try:
         return socket.gethostbyname(host), int(port)
     except (OSError, UnicodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "no name of a host"
+        reason = problem.strerror if isinstance(problem, OSError) else "not a host name"
         raise FleetError(f"to: {host}: {reason}") from None
 
 
 def run_fleet(plan: FleetPlan, key: SigningKey | None, duration: float | None, *, as_json: bool) -> int:
-    """Fly a fleet until its time is over, or Ctrl-C; returns the exit status.
+    """Simulate a fleet for a duration or until Ctrl-C; returns the exit status.
 
     Raises:
-        MoflockError: it cannot be set up.
+        MoflockError: the fleet cannot be set up.
     """
     from rich.console import Console
 
@@ -159,7 +171,7 @@ def run_fleet(plan: FleetPlan, key: SigningKey | None, duration: float | None, *
     if not seconds > 0:
         raise FleetError(f"duration: {seconds:g} s is out of bounds: it must be above 0")
     console = Console(stderr=True)
-    preparing = console.status("preparing (a first fleet compiles for some 20 s)")
+    preparing = console.status("preparing (the first fleet compiles for about 20 s)")
     with preparing if console.is_terminal else contextlib.nullcontext():
         fleet = Fleet(plan, key)
     began = time.perf_counter()
@@ -172,7 +184,7 @@ def run_fleet(plan: FleetPlan, key: SigningKey | None, duration: float | None, *
         console = Console()
         console.print(
             f"{state.time:.1f} s simulated in {wall:.1f} s; {state.received} packets received, "
-            f"{state.dropped} dropped, {state.lost} lost on the way, {state.sent} sent",
+            f"{state.dropped} dropped, {state.lost} lost in transit, {state.sent} sent",
             highlight=False,
             soft_wrap=True,
         )
@@ -197,7 +209,7 @@ async def _run(fleet: Fleet, seconds: float, *, signed: bool, as_json: bool) -> 
 
 @contextlib.asynccontextmanager
 async def _status_line(fleet: Fleet) -> AsyncIterator[None]:
-    """A line on stderr that follows the fleet, if that is a terminal."""
+    """Show the fleet's state in one line on stderr, if that is a terminal."""
     from rich.console import Console
     from rich.live import Live
 
@@ -223,7 +235,7 @@ def _status_text(state: FleetState, vehicles: int) -> str:
     modes = ", ".join(f"{number} {name}" for name, number in sorted(state.modes.items()))
     return (
         f"{state.time:7.1f} s  {state.armed} of {vehicles} armed, {state.flying} flying  {modes}  "
-        f"{state.real_time_factor:.2f} of the asked speed  {state.received} in, {state.dropped} dropped"
+        f"{state.real_time_factor:.2f} of the requested speed  {state.received} in, {state.dropped} dropped"
     )
 
 
@@ -261,5 +273,5 @@ def _print_endpoints(fleet: Fleet, signed: bool) -> None:
     )
 
 
-_NOT_OF_REAL_AUTOPILOTS = ("autopilot", "base_port", "bind", "to", "boot", "fault", "faults", "key_file")
-"""Options of fleet that are about simulated autopilots."""
+_SIMULATED_AUTOPILOT_OPTIONS = ("autopilot", "base_port", "bind", "to", "boot", "fault", "faults", "key_file")
+"""Options that apply to simulated autopilots only."""

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from moflock_mj.cli.options import (
+    Airframe,
     AsJson,
     Drones,
     Dynamics,
     ScenarioFile,
     given_scenario,
+    point_names,
 )
 
 if TYPE_CHECKING:
@@ -25,22 +27,24 @@ commands = typer.Typer()
 @commands.command("fly", epilog="Example: moflock fly --point A --drones 20 --duration 120 --log logs/a.mcap")
 def fly_command(
     point: Annotated[
-        str, typer.Option(help="knee, fast, cohesive, steady, A, B, model_optimum, or a .json file of parameters.")
+        str, typer.Option(help=f"Named point ({', '.join(point_names())}) or .json file of parameters.")
     ] = "steady",
-    dynamics: Annotated[Dynamics, typer.Option(help="What moves the drones.")] = Dynamics.RIGID_BODY,
+    dynamics: Annotated[Dynamics, typer.Option(help="Model of the drones' motion.")] = Dynamics.RIGID_BODY,
     scenario: ScenarioFile = None,
     drones: Drones = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated seconds.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time, s.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     step: Annotated[float | None, typer.Option(help="Integration step, s.")] = None,
-    airframe: Annotated[str | None, typer.Option(help="x500, crazyflie.")] = None,
+    airframe: Airframe = None,
     log: Annotated[str | None, typer.Option(help="MCAP file, or none; by default a new file in logs/.")] = None,
-    live: Annotated[bool, typer.Option("--live", help="Show it to Foxglove or Lichtblick on this machine.")] = False,
-    port: Annotated[int, typer.Option(help="Of --live.", min=0, max=65535)] = 8765,
-    live_speed: Annotated[float, typer.Option(help="Of --live: simulated over real time.")] = 1.0,
+    live: Annotated[
+        bool, typer.Option("--live", help="Serve the flight live to Foxglove or Lichtblick on this machine.")
+    ] = False,
+    port: Annotated[int, typer.Option(help="Port of the live server.", min=0, max=65535)] = 8765,
+    live_speed: Annotated[float, typer.Option(help="Speed of --live: simulated seconds per real second.")] = 1.0,
     as_json: AsJson = False,
 ) -> int:
-    """Fly a flock, log it, and judge it."""
+    """Fly a flock in simulation, log the flight, and score it."""
     from moflock_mj.cli import console
     from moflock_mj.cli.options import INTERRUPTED
     from moflock_mj.flight import fly
@@ -65,7 +69,7 @@ def fly_command(
 
 
 def _live_view(port: int, speed: float) -> Callable[[Simulation], FlightObserver]:
-    """What makes the live view of a flock."""
+    """Factory of the live server of a simulation."""
     from moflock_mj.visualization.live_server import LiveServer
 
     return lambda simulation: LiveServer(simulation, port=port, speed=speed)

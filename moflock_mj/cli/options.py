@@ -1,4 +1,4 @@
-"""Options that several verbs of the command `moflock` have, and what they ask for."""
+"""Options shared by several commands of `moflock`, and the values that they name."""
 
 from __future__ import annotations
 
@@ -16,43 +16,76 @@ if TYPE_CHECKING:
 
 
 BAD_INPUT = 2
-"""Exit status of a command that was asked for what cannot be done."""
+"""Exit status of a command whose input is invalid."""
 
 INTERRUPTED = 130
-"""Exit status of a command that Ctrl-C ended, as a shell gives it."""
+"""Exit status of a command that Ctrl-C ended, as in a shell."""
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def point_names() -> list[str]:
+    """Names of the named points: the file stems in `parameters/named_points`.
+
+    The same as `moflock_mj.parameters.points.point_names`, which imports NumPy.
+    """
+    stems = (path.stem for path in (_PACKAGE / "parameters" / "named_points").glob("*.json"))
+    return sorted(stems, key=lambda name: (name.lower() != name, name))
+
+
+def airframe_names() -> list[str]:
+    """Names of the airframes: the file stems in `models`, without the ground.
+
+    The same as `moflock_mj.dynamics.airframe_models.airframe_names`, which imports MuJoCo.
+    """
+    installed = _PACKAGE / "models"
+    folder = installed if installed.is_dir() else _PACKAGE.parent / "models"
+    return sorted(path.stem for path in folder.glob("*.xml") if path.stem != "ground")
 
 
 class Dynamics(enum.StrEnum):
-    """What moves the drones."""
+    """Model of the drones' motion."""
 
     RIGID_BODY = "rigid_body"
     POINT_MASS = "point_mass"
 
 
-ScenarioFile = Annotated[Path | None, typer.Option("--scenario", help="TOML file; what it leaves out is the paper's.")]
+ScenarioFile = Annotated[
+    Path | None, typer.Option("--scenario", help="TOML file; absent fields have the paper's values.")
+]
 
 
 Drones = Annotated[int | None, typer.Option(help="Number of drones.")]
 
 
+Airframe = Annotated[str | None, typer.Option(help=f"Airframe: {', '.join(airframe_names())}.")]
+
+
+PointArgument = Annotated[
+    str, typer.Argument(metavar="POINT", help="Named point (moflock fly --help lists them) or .json file.")
+]
+
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
-KeyFile = Annotated[Path | None, typer.Option(help="Of the links' signatures; only you may read it.")]
+KeyFile = Annotated[
+    Path | None, typer.Option(help="File with the MAVLink signing key; must be readable by its owner only.")
+]
 
 
-Count = Annotated[int | None, typer.Option(help="Vehicles; by default one on each link.", min=1)]
+Count = Annotated[int | None, typer.Option(help="Number of vehicles; by default one on each link.", min=1)]
 
 
 def given_scenario(path: Path | None, **changes: Any) -> Scenario:
-    """The scenario of a file, or the paper's, with what else was given in its place.
+    """Load a scenario, or take the paper's, and replace the fields that were given.
 
     Args:
-        path: TOML file, or None.
-        changes: fields by name; None for one that was not given.
+        path: TOML file; None for the paper's scenario.
+        changes: fields by name; None for a field that was not given.
 
     Raises:
-        ScenarioError: the file cannot be read, or a value is wrong.
+        ScenarioError: the file cannot be read, or a value is invalid.
     """
     from moflock_mj.scenario.scenario import Scenario
 
@@ -60,13 +93,13 @@ def given_scenario(path: Path | None, **changes: Any) -> Scenario:
     return scenario.replace(**{name: value for name, value in changes.items() if value is not None})
 
 
-def refuse_options(context: typer.Context, names: Iterable[str], of: str) -> None:
-    """Refuse options that were given and would do nothing.
+def refuse_options(context: typer.Context, names: Iterable[str], mode: str) -> None:
+    """Refuse options that were given but have no effect in this mode of the command.
 
     Args:
-        context: of the command.
-        names: of its parameters.
-        of: what they do not go with.
+        context: context of the command.
+        names: names of the parameters without effect.
+        mode: mode of the command, for the message.
 
     Raises:
         MoflockError: one of them was given.
@@ -74,11 +107,11 @@ def refuse_options(context: typer.Context, names: Iterable[str], of: str) -> Non
     for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
-            raise MoflockError(f"--{name.replace('_', '-')}: {of} has no use for it")
+            raise MoflockError(f"--{name.replace('_', '-')}: it has no effect with {mode}")
 
 
 class Autopilot(enum.StrEnum):
-    """How simulated vehicles behave."""
+    """Autopilot of a vehicle."""
 
     ARDUPILOT = "ardupilot"
     PX4 = "px4"

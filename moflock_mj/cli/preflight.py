@@ -1,4 +1,4 @@
-"""The verb that checks before anybody flies: its options, and nothing else."""
+"""The command `moflock preflight`: its options, its terminal output, and the report that it writes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from moflock_mj.cli.options import AsJson, Count, Drones, KeyFile, ScenarioFile, given_scenario
+from moflock_mj.cli.options import AsJson, Count, Drones, KeyFile, PointArgument, ScenarioFile, given_scenario
 from moflock_mj.errors import ReportError
 
 if TYPE_CHECKING:
@@ -34,41 +34,50 @@ _FLIGHTS = 10
 
 _EXAMPLE = """Example: moflock preflight steady --scenario field.toml --vehicles udp:127.0.0.1:14600-14609 --fix
 
-Without --vehicles: bounds, ranges, braking and loops of the point, and flights on rigid bodies in the scenario to be
-flown. With --vehicles, too: links, arming checks, sensors, GPS, estimators, homes, batteries, parameters and fences of
-each vehicle, and the flock as a whole. Nothing is changed on a vehicle unless --fix is given, which sets parameters,
-uploads the fence, reads all back and lists what it changed.
+Without --vehicles, preflight checks the point's bounds, ranges, braking and control loops, and flies it on rigid bodies
+in the scenario. With --vehicles it also checks links, arming checks, sensors, GPS, estimators, homes, batteries,
+parameters and fences of each vehicle, and the flock as a whole. It changes nothing on a vehicle unless --fix is given:
+then it sets parameters, uploads the fence, reads everything back, and lists the changes.
 
-Vehicles: udp:HOST:PORT or udp:HOST:FIRST-LAST for those that listen, udpin:HOST:PORT to wait for them, tcp:HOST:PORT;
-several separated by commas. Links are signed if --key-file or MOFLOCK_SIGNING_KEY gives a key, and so is the report.
+Vehicles: udp:HOST:PORT or udp:HOST:FIRST-LAST for vehicles that listen, udpin:HOST:PORT to wait for vehicles,
+tcp:HOST:PORT; several separated by commas. Links and report are signed if --key-file or MOFLOCK_SIGNING_KEY provides a
+key.
 
-Exit status: 0 if all passed, warnings included; 1 if anything failed."""
+Exit status: 0 if all checks passed, possibly with warnings; 1 if any failed."""
 
 
 @commands.command("preflight", epilog=_EXAMPLE)
 def preflight_command(
-    point: Annotated[str, typer.Argument(help="Named point or .json file.")],
+    point: PointArgument,
     scenario: ScenarioFile = None,
     drones: Drones = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated seconds of each flight.")] = None,
-    flights: Annotated[int, typer.Option(help="Flights on rigid bodies.", min=0, max=1000)] = _FLIGHTS,
-    seed: Annotated[int, typer.Option(help="Of the first flight.", min=0)] = 1,
-    vehicles: Annotated[str | None, typer.Option(help="Where they are, as below.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time of each flight, s.")] = None,
+    flights: Annotated[int, typer.Option(help="Number of rigid-body flights.", min=0, max=1000)] = _FLIGHTS,
+    seed: Annotated[int, typer.Option(help="Seed of the first flight.", min=0)] = 1,
+    vehicles: Annotated[str | None, typer.Option(help="Addresses of the vehicles, as below.")] = None,
     count: Count = None,
-    autopilot: Annotated[str | None, typer.Option(help="What all must be: ardupilot or px4.")] = None,
-    origin: Annotated[
-        str | None, typer.Option(help="LAT,LON of the arena's middle; by default the homes' mean.")
+    autopilot: Annotated[
+        str | None, typer.Option(help="Autopilot that all vehicles must have: ardupilot or px4; by default any.")
     ] = None,
-    fix: Annotated[bool, typer.Option("--fix", help="Put parameters and fences right.")] = False,
-    wait: Annotated[float, typer.Option(help="Seconds for estimators to become ready.", min=0, max=3600)] = 60.0,
-    timeout: Annotated[float, typer.Option(help="Seconds for vehicles to be heard.", min=0.1, max=600)] = 10.0,
+    origin: Annotated[
+        str | None,
+        typer.Option(help="LATITUDE,LONGITUDE of the arena's centre, degrees; by default the mean of the homes."),
+    ] = None,
+    fix: Annotated[bool, typer.Option("--fix", help="Correct parameters and fences of the vehicles.")] = False,
+    wait: Annotated[float, typer.Option(help="Time to wait for the vehicles' estimators, s.", min=0, max=3600)] = 60.0,
+    timeout: Annotated[float, typer.Option(help="Time to wait for the vehicles, s.", min=0.1, max=600)] = 10.0,
     key_file: KeyFile = None,
-    signed_off_by: Annotated[str | None, typer.Option(help="Who answers for it; by default the user.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Report; a new file in logs/ if absent.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Print what passed, too.")] = False,
+    signed_off_by: Annotated[
+        str | None, typer.Option(help="Person responsible for the report; by default the user.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File of the report; by default a new one in logs/.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also print the checks that passed.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Check a point, and the vehicles that are to fly it; a deployment asks for the report."""
+    """Check a point and the vehicles to fly it.
+
+    Writes the report that deploy requires.
+    """
     from moflock_mj.deployment.watchdogs import Watchdogs
     from moflock_mj.ground_station.origin import parse_origin
     from moflock_mj.mavlink.addresses import parse_vehicles
@@ -79,7 +88,7 @@ def preflight_command(
     if autopilot not in (None, "ardupilot", "px4"):
         raise ReportError(f"autopilot: {autopilot!r} is unknown: it must be ardupilot or px4")
     if fix and vehicles is None:
-        raise ReportError("fix: there is nothing to put right without --vehicles")
+        raise ReportError("fix: it has no effect without --vehicles")
     if flights == 0 and vehicles is not None:
         raise ReportError("flights: 0 is out of bounds: with --vehicles it must be at least 1")
     params = load_point(point)
@@ -112,7 +121,7 @@ def preflight_command(
 
 
 _STYLES = {"pass": "green", "warning": "yellow", "off": "dim"}
-"""Styles of grades in the terminal; others are red."""
+"""Terminal styles of results; others are red."""
 
 
 def preflight(
@@ -128,22 +137,22 @@ def preflight(
     whole: bool,
     as_json: bool,
 ) -> int:
-    """Check, write the report, print it; returns the exit status.
+    """Run the checks, write the report and print it; returns the exit status.
 
     Args:
-        point_name: what the point is called.
+        point_name: name of the point.
         params: the point.
-        scenario: to be flown; with vehicles, its drones are as many as they are.
-        live: the vehicles, or None.
-        key: of the links, and of the report's seal.
-        seeds: of the flights on rigid bodies.
-        signed_off_by: who answers for the report; the user, if None.
-        out: the report; a new file in logs/ if None.
-        whole: print what passed, too.
-        as_json: print the report instead of a table.
+        scenario: scenario of the deployment; with vehicles, its number of drones becomes theirs.
+        live: plan of the vehicle checks; None for no vehicles.
+        key: key of the links and of the report's seal, or None.
+        seeds: seeds of the rigid-body flights.
+        signed_off_by: person responsible for the report; None for the user.
+        out: file of the report; None for a new file in logs/.
+        whole: whether to print checks that passed.
+        as_json: whether to print the report as JSON instead of a table.
 
     Raises:
-        MoflockError: something cannot be checked at all, or the report cannot be written.
+        MoflockError: a check cannot be made, or the report cannot be written.
     """
     from controllers.policies.registry import spec_of, values_of
     from moflock_mj.cli.console import share_progress
@@ -155,14 +164,14 @@ def preflight(
 
     seen: Inspection | None = None
     if live is not None:
-        with _status() as told:
-            seen = asyncio.run(inspect(live, key, told))
+        with _status() as report_status:
+            seen = asyncio.run(inspect(live, key, report_status))
         scenario = scenario.replace(drones=len(seen.vehicles))
     items = parameter_items(params, scenario, link_delay=seen.link_delay if seen else 0.0)
     energy = None
     if seeds:
-        with share_progress(f"{len(seeds)} flights on rigid bodies") as flown:
-            flights = fly_trials(params, scenario, seeds, progress=flown)
+        with share_progress(f"{len(seeds)} rigid-body flights") as progress:
+            flights = fly_trials(params, scenario, seeds, progress=progress)
         items += trial_items(flights, scenario)
         energy = _energy(flights, scenario)
     if seen is not None:
@@ -192,7 +201,7 @@ def preflight(
 
 
 def print_report(report: Report, path: Path, *, whole: bool) -> None:
-    """Print a report: a table of what is not well, or of everything, what to do, and the verdict."""
+    """Print a report: a table of the checks that did not pass, or of all, then the advice and the verdict."""
     from rich.console import Console
 
     from moflock_mj.preflight.results import CheckResult
@@ -219,17 +228,17 @@ def print_report(report: Report, path: Path, *, whole: bool) -> None:
 
 
 def _table(groups: Iterable[list[CheckItem]]) -> Table:
-    """One row for the same check with the same grade of several vehicles."""
+    """Table with one row for the same check with the same result on several vehicles."""
     from rich.table import Table
 
-    table = Table("check", "of", "value", "limit", "grade")
+    table = Table("check", "subject", "value", "limit", "result")
     for items in groups:
         result = items[0].result
         style = _STYLES.get(result.value, "red")
         limits = dict.fromkeys(item.limit for item in items)
         table.add_row(
             items[0].name,
-            _who(items),
+            _subject(items),
             _values(items),
             next(iter(limits)) + (" ..." if len(limits) > 1 else ""),
             f"[{style}]{result}[/{style}]",
@@ -237,8 +246,8 @@ def _table(groups: Iterable[list[CheckItem]]) -> Table:
     return table
 
 
-def _who(items: Sequence[CheckItem]) -> str:
-    """The point, the flock, or vehicles, with ranges: "vehicles 1-3, 7"."""
+def _subject(items: Sequence[CheckItem]) -> str:
+    """The point, the flock, or vehicles as ranges such as "vehicles 1-3, 7"."""
     numbers = sorted(int(item.about.split()[1]) for item in items if " " in item.about)
     if not numbers:
         return items[0].about
@@ -248,12 +257,12 @@ def _who(items: Sequence[CheckItem]) -> str:
             runs[-1].append(number)
         else:
             runs.append([number])
-    told = ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
-    return f"vehicle{'s' * (len(numbers) > 1)} {told}"
+    ranges = ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+    return f"vehicle{'s' * (len(numbers) > 1)} {ranges}"
 
 
 def _values(items: Sequence[CheckItem]) -> str:
-    """The value, or the least and the largest."""
+    """The value, or the smallest and the largest value."""
     values, unit = [item.value for item in items], items[0].unit
     numbers = sorted(value for value in values if isinstance(value, float))
     if numbers:
@@ -264,7 +273,7 @@ def _values(items: Sequence[CheckItem]) -> str:
 
 
 def _counts(report: Report) -> str:
-    """How many items passed, of the point, the flock and the vehicles."""
+    """Number of passed checks of the point, the flock and the vehicles."""
     from moflock_mj.preflight.results import FLOCK, POINT, CheckResult
 
     parts: dict[str, list[bool]] = {}
@@ -275,7 +284,7 @@ def _counts(report: Report) -> str:
 
 
 def _energy(flights: Sequence[Flight], scenario: Scenario) -> float | None:
-    """J that one drone took in the hardest flight."""
+    """Largest mean energy of a drone over the flights, J."""
     import numpy as np
 
     taken = [flight.body.energy / scenario.drones for flight in flights if flight.body]
@@ -284,7 +293,7 @@ def _energy(flights: Sequence[Flight], scenario: Scenario) -> float | None:
 
 @contextlib.contextmanager
 def _status() -> Iterator[StatusCallback]:
-    """A line on stderr, if that is a terminal, of what is being done."""
+    """Show the current step in one line on stderr, if that is a terminal."""
     from rich.console import Console
 
     console = Console(stderr=True)

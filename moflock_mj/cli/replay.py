@@ -1,4 +1,4 @@
-"""What `moflock replay` does: read a log, or verify, resume or recover it; then show it in the forms asked for."""
+"""The command `moflock replay`: read, verify, resume or recover a log, and export or show its flight."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ commands = typer.Typer()
 
 
 class Camera(enum.StrEnum):
-    """Where the video looks from."""
+    """Camera of the video."""
 
     OVERVIEW = "overview"
     CHASE = "chase"
@@ -29,7 +29,7 @@ class Camera(enum.StrEnum):
 
 
 class Colour(enum.StrEnum):
-    """What a drone's colour tells."""
+    """Quantity shown by a drone's colour."""
 
     DANGER = "danger"
     SPEED = "speed"
@@ -40,34 +40,42 @@ _REPLAY_EXAMPLE = "Example: moflock replay logs/a.mcap --picture a.png --video a
 
 @commands.command("replay", epilog=_REPLAY_EXAMPLE)
 def replay_command(
-    logs: Annotated[list[Path], typer.Argument(help="A log, or two to be compared.", metavar="LOG [LOG]")],
-    verify: Annotated[bool, typer.Option("--verify", help="Fly it again and compare bit by bit.")] = False,
+    logs: Annotated[list[Path], typer.Argument(help="One log, or two logs to compare.", metavar="LOG [LOG]")],
+    verify: Annotated[bool, typer.Option("--verify", help="Repeat the flight and compare it bit by bit.")] = False,
     resume: Annotated[
-        float | None, typer.Option(help="Fly on from the stored state at or before this time, s.")
+        float | None, typer.Option(help="Continue the flight from the stored state at or before this time, s.")
     ] = None,
-    point: Annotated[str | None, typer.Option(help="Of --resume: fly on with this point.")] = None,
-    duration: Annotated[float | None, typer.Option(help="Of --resume: seconds to fly on.")] = None,
-    log: Annotated[Path | None, typer.Option(help="Of --resume and --recover: the MCAP file to be written.")] = None,
-    recover: Annotated[bool, typer.Option("--recover", help="Save what is intact of a broken log.")] = False,
-    viewer: Annotated[bool, typer.Option("--viewer", help="Play it in MuJoCo's viewer.")] = False,
+    point: Annotated[str | None, typer.Option(help="Point for --resume; by default the log's.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Simulated time for --resume, s; by default to the end of the flight.")
+    ] = None,
+    log: Annotated[Path | None, typer.Option(help="MCAP file that --resume or --recover writes.")] = None,
+    recover: Annotated[
+        bool, typer.Option("--recover", help="Copy the intact part of a damaged log to a new log.")
+    ] = False,
+    viewer: Annotated[bool, typer.Option("--viewer", help="Play the flight in MuJoCo's viewer.")] = False,
     video: Annotated[Path | None, typer.Option(help="Write a video, .mp4.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Write its curves and trajectories, .png, .svg or .pdf.")] = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page with a 3D replay.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write its samples as CSV.")] = None,
-    parquet: Annotated[Path | None, typer.Option(help="Write its samples as Parquet.")] = None,
-    layouts: Annotated[Path | None, typer.Option(help="Write layouts for Foxglove and Rerun into this folder.")] = None,
-    camera: Annotated[Camera, typer.Option(help="Of the video.")] = Camera.OVERVIEW,
-    colour: Annotated[Colour, typer.Option(help="What the drones' colour tells.")] = Colour.DANGER,
-    fps: Annotated[int, typer.Option(help="Frames of the video a second.")] = 30,
-    speed: Annotated[float | None, typer.Option(help="Of the video: simulated over shown time.")] = None,
-    size: Annotated[str, typer.Option(help="Of the video, pixels.")] = "1280x720",
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a figure of curves and trajectories, .png, .svg or .pdf.")
+    ] = None,
+    html: Annotated[Path | None, typer.Option(help="Write an HTML page with a 3D replay.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the samples as CSV.")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="Write the samples as Parquet.")] = None,
+    layouts: Annotated[Path | None, typer.Option(help="Write layouts for Foxglove and Rerun to this folder.")] = None,
+    camera: Annotated[Camera, typer.Option(help="Camera of the video.")] = Camera.OVERVIEW,
+    colour: Annotated[Colour, typer.Option(help="Quantity shown by the drones' colour.")] = Colour.DANGER,
+    fps: Annotated[int, typer.Option(help="Frame rate of the video, Hz.")] = 30,
+    speed: Annotated[
+        float | None, typer.Option(help="Speed of the video: simulated seconds per second of video.")
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of the video, WIDTHxHEIGHT in pixels.")] = "1280x720",
     as_json: AsJson = False,
 ) -> int:
-    """See, check or recover a flight from its log."""
+    """Show, verify, resume or recover a logged flight."""
     modes = {"--verify": verify, "--resume": resume is not None, "--recover": recover}
-    chosen = [mode for mode, wanted in modes.items() if wanted]
+    chosen = [mode for mode, is_given in modes.items() if is_given]
     if len(chosen) > 1:
-        raise MoflockError(f"replay: {' and '.join(chosen)} do not go together; it must be one")
+        raise MoflockError(f"replay: {' and '.join(chosen)} exclude each other; it must be one")
     if chosen and len(logs) > 1:
         raise MoflockError(f"replay: {chosen[0]} of {len(logs)} logs; it must be one")
     if verify:
@@ -95,17 +103,17 @@ def replay_command(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RenderOptions:
-    """Forms in which a flight is to be seen; None for those that are not asked for.
+    """Outputs to make of a logged flight; None for an output that was not requested.
 
     Attributes:
         viewer: whether to open MuJoCo's viewer.
-        video, picture, html, csv, parquet: files to be written.
-        layouts: a folder for the layouts of other viewers.
-        camera: of the video: overview, chase or top.
-        colour: what the drones' colour tells: speed or danger.
-        fps: frames of the video a second.
-        speed: simulated over shown time; chosen by the video itself if None.
-        size: of the video, pixels.
+        video, picture, html, csv, parquet: files to write.
+        layouts: folder for the layouts of other viewers.
+        camera: camera of the video: overview, chase or top.
+        colour: quantity shown by the drones' colour: speed or danger.
+        fps: frame rate of the video, Hz.
+        speed: simulated seconds per second of video; None for the default of the video.
+        size: width and height of the video, pixels.
     """
 
     viewer: bool = False
@@ -123,22 +131,22 @@ class RenderOptions:
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that are asked for, by form."""
+        """Files to write, by format."""
         forms = ("video", "picture", "html", "csv", "parquet")
         return {form: getattr(self, form) for form in forms if getattr(self, form) is not None}
 
 
 def show_logs(logs: list[Path], look: RenderOptions, *, as_json: bool) -> int:
-    """Read one log or two, and show them; print their figures.
+    """Read one or two logs, make the outputs, and print the results.
 
     Raises:
-        MoflockError: a log cannot be read, or a form not be made.
+        MoflockError: a log cannot be read, or an output cannot be made.
     """
     from moflock_mj.cli.replay_output import print_logged_flight
     from moflock_mj.log.reader import read_log
 
     if len(logs) > 2:
-        raise LogError(f"replay: {len(logs)} logs; it must be one, or two to be compared")
+        raise LogError(f"replay: {len(logs)} logs; it must be one, or two to compare")
     flights = [read_log(path) for path in logs]
     for form, path in look.files.items():
         _make(form, flights, path, look)
@@ -156,10 +164,10 @@ def show_logs(logs: list[Path], look: RenderOptions, *, as_json: bool) -> int:
 
 
 def verify_log(path: Path, *, as_json: bool) -> int:
-    """Fly a log's flight again and compare; status 1 if it differs.
+    """Repeat a log's flight and compare it with the log; returns status 1 if they differ.
 
     Raises:
-        MoflockError: the log cannot be read, or its flight not be flown.
+        MoflockError: the log cannot be read, or its flight cannot be repeated.
     """
     from moflock_mj.analysis.verification import verify
     from moflock_mj.cli.console import flight_progress
@@ -176,10 +184,10 @@ def verify_log(path: Path, *, as_json: bool) -> int:
 def resume_log(
     path: Path, at: float, *, point: str | None, duration: float | None, log: Path | None, as_json: bool
 ) -> int:
-    """Fly on from the middle of a log, perhaps with another point.
+    """Continue a logged flight from a stored state, with the same or another point.
 
     Raises:
-        MoflockError: the log cannot be read, or what is asked for not be flown.
+        MoflockError: the log cannot be read, or the flight cannot be continued.
     """
     from moflock_mj.analysis.verification import resume
     from moflock_mj.cli.console import flight_progress, print_flight, stop_on_interrupt
@@ -205,10 +213,10 @@ def resume_log(
 
 
 def recover_log(broken: Path, out: Path | None, *, as_json: bool) -> int:
-    """Write a finished log of what is intact in a broken one.
+    """Write a complete log from the intact part of a damaged one.
 
     Raises:
-        LogError: nothing of a flight is left in it.
+        LogError: the log has no intact part of a flight.
     """
     from moflock_mj.cli.console import share_progress
     from moflock_mj.cli.replay_output import print_recovery
@@ -221,7 +229,7 @@ def recover_log(broken: Path, out: Path | None, *, as_json: bool) -> int:
 
 
 def _make(form: str, flights: list[LoggedFlight], path: Path, look: RenderOptions) -> None:
-    """Write one form of the flights; each form loads its own library."""
+    """Write one output of the flights; each format loads its own library."""
     from moflock_mj.cli.console import share_progress
 
     if form == "picture":
@@ -256,7 +264,7 @@ def _make(form: str, flights: list[LoggedFlight], path: Path, look: RenderOption
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Width and height, pixels, of a text such as 1280x720."""
+    """Parse width and height, pixels, from a text such as 1280x720."""
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise MoflockError(f"size: {text!r} is of the wrong type: it must be WIDTHxHEIGHT in pixels")

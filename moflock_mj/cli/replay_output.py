@@ -1,4 +1,4 @@
-"""What `moflock replay` says: of a flight that was read, flown again, or recovered; as text or as one JSON object."""
+"""Output of `moflock replay` for a flight that was read, verified or recovered: text, or one JSON object."""
 
 from __future__ import annotations
 
@@ -19,63 +19,65 @@ from moflock_mj.scenario.scenario import DEPLOYED
 
 
 def print_logged_flight(flight: LoggedFlight, *, as_json: bool) -> None:
-    """Print the figures of a flight that was read from its log."""
+    """Print the results of a logged flight."""
     if as_json:
         print(json.dumps(logged_flight_summary(flight), indent=1))
         return
     console = Console()
-    _say(console, f"{flight.flock_name}, {flight.flown:g} s, seed {flight.seed}")
+    _print_line(console, f"{flight.flock_name}, {flight.flown:g} s, seed {flight.seed}")
     console.print(figures_table(flight))
     for line in _closing_lines(flight):
-        _say(console, line)
+        _print_line(console, line)
 
 
 def print_verification(verification: Verification, *, as_json: bool) -> None:
-    """Print what came of flying a log's flight again."""
+    """Print the result of repeating a logged flight."""
     if as_json:
         print(json.dumps(verification_summary(verification), indent=1))
         return
-    console, told = Console(), verification
-    since = f"from {told.start:g} s " if told.start else ""
-    way = f"{told.ticks} samples {since}to {told.time:g} s, flown again in {told.wall_seconds:.1f} s"
-    if told.difference is None:
-        _say(console, f"bit-identical: {way}")
-        if told.time < told.duration - 1e-9:
-            _say(console, f"the log ends at {told.time:g} s of {told.duration:g} s")
+    console = Console()
+    since = f"from {verification.start:g} s " if verification.start else ""
+    extent = (
+        f"{verification.ticks} samples {since}to {verification.time:g} s, repeated in {verification.wall_seconds:.1f} s"
+    )
+    if verification.difference is None:
+        _print_line(console, f"bit-identical: {extent}")
+        if verification.time < verification.duration - 1e-9:
+            _print_line(console, f"the log ends at {verification.time:g} s of {verification.duration:g} s")
     else:
-        _say(console, f"NOT identical: {_where(told.difference)} ({way})")
-        if not told.changes:
-            _say(console, "all versions are those of the log: it has been changed, or the machine is at fault")
-    for change in told.changes:
-        likely = "likely reason: " if told.difference else ""
+        _print_line(console, f"NOT identical: {_where(verification.difference)} ({extent})")
+        if not verification.changes:
+            _print_line(console, "all versions match the log: the log was edited, or the machine is faulty")
+    for change in verification.changes:
+        likely = "likely reason: " if verification.difference else ""
         logged = printable(change.logged) or "unknown"
-        _say(console, f"{likely}{change.name} was {logged} and is {change.here or 'unknown'} here")
+        _print_line(console, f"{likely}{change.name} was {logged} and is {change.here or 'unknown'} here")
 
 
 def print_recovery(recovery: Recovery, *, as_json: bool) -> None:
-    """Print what was saved of a log."""
+    """Print the result of recovering a log."""
     if as_json:
         print(json.dumps(recovery_summary(recovery), indent=1))
         return
-    console, told = Console(), recovery
-    whole = told.duration - told.start
-    # A deployment's log also tells of the way up and down, which is in nobody's scenario.
-    of = f" of {whole:g} s" if told.kept <= whole + 1e-9 else ""
-    _say(console, f"kept: {told.kept:g} s{of}, {told.messages} messages")
-    if told.lost:
-        _say(console, f"lost: {told.lost:g} s")
-    if not told.end_known:
+    console = Console()
+    whole = recovery.duration - recovery.start
+    # A deployment's log includes take-off and landing, which the scenario's duration does not.
+    share = f" of {whole:g} s" if recovery.kept <= whole + 1e-9 else ""
+    _print_line(console, f"kept: {recovery.kept:g} s{share}, {recovery.messages} messages")
+    if recovery.lost:
+        _print_line(console, f"lost: {recovery.lost:g} s")
+    if not recovery.end_known:
         hint = "a program that is killed loses at most its last simulated second"
-        _say(console, f"breaks off at {told.end:g} s; {hint}")
-    elif not told.lost:
-        _say(console, "lost: nothing")
-    for problem in told.problems:
-        _say(console, f"damage: {problem}")
-    _say(console, f"log: {told.log}")
+        _print_line(console, f"breaks off at {recovery.end:g} s; {hint}")
+    elif not recovery.lost:
+        _print_line(console, "lost: nothing")
+    for problem in recovery.problems:
+        _print_line(console, f"damage: {problem}")
+    _print_line(console, f"log: {recovery.log}")
 
 
 def logged_flight_summary(flight: LoggedFlight) -> dict[str, Any]:
-    """A read flight's figures as JSON values, named as those of a flight just flown."""
+    """A logged flight's results as JSON values, named as in `moflock_mj.cli.console.flight_summary`."""
     return {
         "dynamics": flight.dynamics,
         "seed": flight.seed,
@@ -129,10 +131,10 @@ def recovery_summary(recovery: Recovery) -> dict[str, Any]:
 
 
 def _closing_lines(flight: LoggedFlight) -> list[str]:
-    told = {name: printable(text) for name, text in flight.metadata.items()}
+    metadata = {name: printable(text) for name, text in flight.metadata.items()}
     lines = [
-        f"flown {told.get('started', 'at an unknown time')} with moflock {told.get('moflock_version', '?')}, "
-        f"MuJoCo {told.get('mujoco_version', '?')}, on {told.get('cpu') or 'an unknown processor'}"
+        f"flown {metadata.get('started', 'at an unknown time')} with moflock {metadata.get('moflock_version', '?')}, "
+        f"MuJoCo {metadata.get('mujoco_version', '?')}, on {metadata.get('cpu') or 'an unknown processor'}"
     ]
     levels = Counter(event.level for event in flight.events)
     if levels:
@@ -141,9 +143,9 @@ def _closing_lines(flight: LoggedFlight) -> list[str]:
     if flight.dynamics == DEPLOYED:
         lines += _latency_lines(flight.result.get("latency", ""))
     if flight.start:
-        lines.append(f"resumed at {flight.start:g} s from {told.get(RESUMED_FROM, 'another log')}")
+        lines.append(f"resumed at {flight.start:g} s from {metadata.get(RESUMED_FROM, 'another log')}")
     if flight.missing:
-        lines.append(f"recovered; {flight.missing:g} s in between are lost")
+        lines.append(f"recovered; {flight.missing:g} s are missing in between")
     lines.append(f"log: {flight.log}")
     if not flight.complete:
         reason = f": {printable(flight.result['error'])}" if "error" in flight.result else ""
@@ -152,7 +154,7 @@ def _closing_lines(flight: LoggedFlight) -> list[str]:
 
 
 def _latency_lines(text: str) -> list[str]:
-    """What a deployment's log says of its setpoints, if they are figures."""
+    """The setpoint timing of a deployment's log, in words; empty if the log has none."""
     try:
         figures = LatencyFigures(**json.loads(text))
         return [figures.sentence()]
@@ -165,6 +167,6 @@ def _where(difference: Difference) -> str:
     return f"{difference.what}{which} at {difference.time:g} s (sample {difference.tick})"
 
 
-def _say(console: Console, line: str) -> None:
-    """Print a line as it is: what a file says is no markup."""
+def _print_line(console: Console, line: str) -> None:
+    """Print a line without markup, since it can contain text from a file."""
     console.print(line, highlight=False, markup=False, soft_wrap=True)

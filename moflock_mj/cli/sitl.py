@@ -1,4 +1,4 @@
-"""What autopilots on our physics look like in a terminal: where they are waited for, who is there, the end."""
+"""Terminal output of `moflock fleet --physics-for`: ports, status line, and summary of the real autopilots."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from moflock_mj.sitl.lockstep import LockStep, PhysicsPlan
 from moflock_mj.sitl.processes import PLACEHOLDERS, Processes, fill_command
 
 _REFRESH = 0.5
-"""s, between two status lines."""
+"""Interval of the status line, s."""
 
 
 def run_physics(
     plan: PhysicsPlan, command: str | None, folder: Path | None, duration: float | None, *, as_json: bool
 ) -> int:
-    """Be the physics of autopilots until the time is over, or Ctrl-C; returns the exit status.
+    """Simulate the physics of real autopilots for a duration or until Ctrl-C; returns the exit status.
 
     Args:
-        plan: what is flown.
-        command: starts one autopilot, see `moflock_mj.sitl.processes`; None: the user starts them.
-        folder: of the autopilots' working directories; None: a new one in logs/.
-        duration: s, simulated, from when all are there; None: until Ctrl-C.
-        as_json: print JSON objects.
+        plan: plan of the simulation.
+        command: command that starts one autopilot, see `moflock_mj.sitl.processes`; None if the user starts them.
+        folder: folder of the autopilots' working directories; None for a new one in logs/.
+        duration: simulated time from when all autopilots are connected, s; None for until Ctrl-C.
+        as_json: whether to print JSON objects.
 
     Raises:
-        MoflockError: it cannot be set up, or a program ends before it has spoken.
+        MoflockError: the simulation cannot be set up, or an autopilot ends before it connects.
     """
     seconds = math.inf if duration is None else duration
     if not seconds > 0:
@@ -47,7 +47,7 @@ def run_physics(
     console = Console(stderr=True)
     with contextlib.ExitStack() as stack:
         programs: list[Processes] = []
-        preparing = console.status("preparing (the first time compiles for some 20 s)")
+        preparing = console.status("preparing (the first run compiles for about 20 s)")
         with preparing if console.is_terminal else contextlib.nullcontext():
             world = LockStep(
                 plan,
@@ -63,7 +63,7 @@ def run_physics(
         _print_start(world, programs[0].folder if programs else None, as_json=as_json)
         began = time.perf_counter()
         if world.gather(interrupted):
-            console.print(f"{_autopilots(world)} there", highlight=False)
+            console.print(f"{_autopilots(world)} connected", highlight=False)
             began = time.perf_counter()
             with _status_line(world, console):
                 world.run(seconds, interrupted)
@@ -72,14 +72,14 @@ def run_physics(
 
 
 def _values(world: LockStep) -> Iterator[dict[str, object]]:
-    """What placeholders stand for, of each vehicle."""
+    """Values of the command's placeholders for each vehicle."""
     plan, origin = world.plan, world.plan.origin
     for link in world.links:
         yield {
             "instance": link.number,
             "sysid": link.number + 1,
             "port": link.port,
-            # Bodies start with their x axis along the world's, which is east.
+            # Airframes start with their x axis along the world's x axis, which is east: heading 90.
             "home": f"{origin.latitude:.7f},{origin.longitude:.7f},{origin.altitude:g},90",
             "speed": f"{plan.speed:g}",
             "here": Path.cwd(),
@@ -106,13 +106,13 @@ def _print_start(world: LockStep, folder: Path | None, *, as_json: bool) -> None
         }
         print(json.dumps(start), flush=True)
         return
-    table = Table("drone", "system id", "physics at", "output of its program")
+    table = Table("drone", "system id", "physics at", "autopilot's output")
     for link in world.links:
-        output = f"{folder}/{link.number}/output.txt" if folder else "yours to start"
+        output = f"{folder}/{link.number}/output.txt" if folder else "start it yourself"
         table.add_row(str(link.number), str(link.number + 1), f"{HOST}:{link.port}", output)
     console = Console()
     console.print(table)
-    console.print(f"{_autopilots(world)} on {world.plan.scenario.airframe} bodies; Ctrl-C ends", highlight=False)
+    console.print(f"{_autopilots(world)} on {world.plan.scenario.airframe} airframes; Ctrl-C ends", highlight=False)
 
 
 def _print_end(world: LockStep, wall: float, *, as_json: bool) -> None:
@@ -139,7 +139,7 @@ def _print_end(world: LockStep, wall: float, *, as_json: bool) -> None:
 
 @contextlib.contextmanager
 def _status_line(world: LockStep, console: Console) -> Iterator[None]:
-    """A line on stderr that follows the world, if that is a terminal."""
+    """Show the simulation's state in one line on stderr, if that is a terminal."""
     if not console.is_terminal:
         yield
         return
@@ -163,6 +163,6 @@ def _status_text(world: LockStep) -> str:
     heights = world.bodies.qpos[:, 2] - world.bodies.ground
     present = sum(link.present for link in world.links)
     return (
-        f"{world.time:7.1f} s  {present} of {len(world.links)} there, {int((heights > 0.2).sum())} in the air, highest "
-        f"{heights.max():.1f} m  {world.real_time_factor():.2f} of the asked speed"
+        f"{world.time:7.1f} s  {present} of {len(world.links)} connected, {int((heights > 0.2).sum())} in the air, "
+        f"highest {heights.max():.1f} m  {world.real_time_factor():.2f} of the requested speed"
     )

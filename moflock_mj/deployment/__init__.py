@@ -1,1 +1,1 @@
-"""From a validated point to vehicles in the air: `moflock deploy`."""
+"""Deployment of a validated point on vehicles: `moflock deploy`."""

@@ -1,4 +1,4 @@
-"""Whether a pre-flight report allows a deployment: passed, recent, of this point, this scenario and these vehicles."""
+"""Clearance of a deployment by a pre-flight report: passed, recent, for the same point, scenario and vehicles."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from moflock_mj.scenario.scenario import Scenario
 
 _FOLDER = Path("logs")
 _READ_MAX = 100
-"""Reports of a folder that are looked through, the newest first."""
+"""Maximum number of reports of a folder to read, newest first."""
 
 
 def candidates(path: Path | None, key: SigningKey | None) -> list[Report]:
-    """The report of a file, or those of logs/, the newest first.
+    """Read the report of a file, or the reports in logs/, newest first.
 
     Args:
-        path: a report; None: those of logs/.
-        key: that they are sealed with, or None.
+        path: file of a report; None for the reports in logs/.
+        key: key with which they are sealed, or None.
 
     Raises:
-        ReportError: there is none, or none can be read.
+        ReportError: there is no report, or none can be read.
     """
     if path is not None:
         return [read_report(path, key)]
@@ -50,18 +50,18 @@ def require_permission(
     *,
     age_max: float = AGE_MAX,
 ) -> Report:
-    """The first report that allows to deploy this point in this scenario with these vehicles.
+    """Return the first report that allows a deployment of this point in this scenario with these vehicles.
 
     Raises:
-        CheckFailedError: the newest one that is of them says that a check failed.
-        ReportError: none is of them, or recent.
+        CheckFailedError: the newest report for this deployment has a failed check.
+        ReportError: no report is for this deployment, or none is recent.
     """
-    there = [checked_vehicle(vehicle) for vehicle in vehicles]
+    connected = [checked_vehicle(vehicle) for vehicle in vehicles]
     now = datetime.datetime.now(datetime.UTC)
     first: ReportError | None = None
     for report in reports:
         try:
-            refuse_unless_fit(report, params=params, scenario=scenario, vehicles=there, now=now, age_max=age_max)
+            refuse_unless_fit(report, params=params, scenario=scenario, vehicles=connected, now=now, age_max=age_max)
         except ReportError as problem:
             first = first or problem
         else:

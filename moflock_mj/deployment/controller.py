@@ -1,4 +1,4 @@
-"""The controller of a deployed flock: 20 times a second it looks at all vehicles, watches, steers and gives orders."""
+"""Controller of a deployed flock: monitors all vehicles, computes setpoints and sends commands 20 times a second."""
 
 from __future__ import annotations
 
@@ -21,47 +21,47 @@ from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.simulation.setup import FlightSetup
 
 PERIOD = 0.05
-"""s, between two setpoints to each vehicle: PX4 wants more than 2 Hz, and both are smooth at 20."""
+"""Interval of setpoints to each vehicle, s: PX4 requires more than 2 Hz, and both autopilots are smooth at 20 Hz."""
 
 _HEIGHT_GAIN = 0.8
-"""1/s, from an error of height to a climb rate."""
+"""Gain from height error to climb rate, 1/s."""
 _CLIMB_MAX = 1.0
-"""m/s, of the correction of height in flight."""
+"""Maximum climb rate of the height controller, m/s."""
 _AT_HEIGHT = 0.6
-"""m, how far from its height a vehicle may be to count as there; ArduCopter's take-off ends within 0.1 m of it."""
+"""Maximum height error at the end of a take-off, m; ArduCopter's take-off ends within 0.1 m."""
 _SETTLED = 0.5
-"""m/s, up or down, under which it does."""
+"""Maximum vertical speed at the end of a take-off, m/s."""
 _LAYER = 6.0
-"""m, of height between a vehicle and the flock, from which on they need not keep off each other."""
+"""Height difference to the flock, m, from which a vehicle need not be avoided."""
 _RANK = (FlightTask.OFFBOARD, FlightTask.HOLD, FlightTask.RETURN, FlightTask.LAND)
-"""Tasks, each more final than those before."""
+"""Tasks in the order in which they may follow each other."""
 _TASKS = {Action.HOLD: FlightTask.HOLD, Action.RETURN: FlightTask.RETURN, Action.LAND: FlightTask.LAND}
 
 
 class Recorder(Protocol):
-    """Told what happens; see `moflock_mj.deployment.recorder`."""
+    """Recorder of a deployment; see `moflock_mj.deployment.recorder`."""
 
     def event(self, level: str, text: str, drone: int = -1) -> None: ...
 
     def sample(self, flock: Controller) -> None:
-        """Look at the flock, once in each period of the controller."""
+        """Record the flock's state, once in each period of the controller."""
         ...
 
 
 class Controller:
-    """Flies a flock of vehicles by the policy.
+    """Controller that flies a flock of vehicles with the policy.
 
     Args:
-        params: the policy's parameters.
-        scenario: speeds, arena, height.
-        members: the vehicles, by number.
-        ground: their links.
-        watchdogs: watchdogs over each.
-        recorder: told what happens.
+        params: parameters of the policy.
+        scenario: scenario with speeds, arena and height.
+        members: vehicles, by number.
+        ground: ground station with the vehicles' links.
+        watchdogs: watchdogs of each vehicle.
+        recorder: receiver of events and samples.
 
     Attributes:
-        flocking: whether the policy flies those that are ready; else they stay where they are.
-        desired: (2, N), m/s, world, of the latest setpoints.
+        flocking: whether the policy flies the ready vehicles; otherwise they keep their positions.
+        desired: horizontal velocities of the latest setpoints, (2, N), m/s, world.
     """
 
     def __init__(
@@ -89,62 +89,62 @@ class Controller:
         self._roles = FlockRoles.none(len(self.members))
 
     async def run(self) -> None:
-        """Tick in time until cancelled."""
+        """Run a tick each `PERIOD` until cancelled."""
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
             now = loop.time()
-            self._ground.beating = self.health.take(now, now - due)
-            for level, text in self.health.told():
+            self._ground.heartbeats_enabled = self.health.take(now, now - due)
+            for level, text in self.health.new_events():
                 self._recorder.event(level, text)
             self.tick(now)
             due = max(due + PERIOD, loop.time() - PERIOD)
             await asyncio.sleep(max(due - loop.time(), 0))
 
     def tick(self, now: float) -> None:
-        """Look, watch, steer, command, record."""
+        """Update states, run the watchdogs, compute velocities, send setpoints, record."""
         for member in self.members:
             member.look()
         for member in self.members:
-            self._follow(member, now)
-        self._watch(now)
+            self._update_stage(member, now)
+        self._run_watchdogs(now)
         self._watch_ids()
         self._steer()
         self._command(now)
         self._recorder.sample(self)
 
     def leave(self, member: Member, task: FlightTask, now: float) -> None:
-        """Take a vehicle out of the flock, and let it hold, return or land; one that lands is not called back."""
+        """Remove a vehicle from the flock and let it hold, return or land; a landing is never aborted."""
         if member.stage is Stage.LEFT and member.task is not None and _RANK.index(task) <= _RANK.index(member.task):
             return
         if member.stage in (*IN_OUR_HANDS, Stage.LEFT):
             member.stage = Stage.LEFT
-            member.tell(task, now)
+            member.assign(task, now)
 
     def leave_all(self, task: FlightTask) -> None:
-        """Let all vehicles that are ours to command hold, return or land."""
+        """Let all vehicles under our control hold, return or land."""
         now = asyncio.get_running_loop().time()
         for member in self.members:
             self.leave(member, task, now)
 
-    def _follow(self, member: Member, now: float) -> None:
-        """See how far a vehicle is, and whether it is still ours."""
+    def _update_stage(self, member: Member, now: float) -> None:
+        """Update the stage of a vehicle from its telemetry, and detect that it is no longer under our control."""
         vehicle = member.vehicle
         if member.stage in IN_THE_AIR and member.stage is not Stage.ARMING and member.settled(now):
             where = "landed" if vehicle.landed is not False else "disarmed in the air"
             level = "info" if member.stage is Stage.LEFT and vehicle.landed is not False else "error"
             member.stage = Stage.DOWN
-            self._tell(member, level, where)
+            self._report(member, level, where)
             return
         if member.stage in (*IN_OUR_HANDS, Stage.LEFT) and not member.update(now):
-            who = "its failsafe" if vehicle.critical else "somebody else"
+            control = "its failsafe" if vehicle.critical else "external control"
             member.stage = Stage.TAKEN
-            self._tell(member, "warning", f"{who} flies it, in {vehicle.mode_name}: not commanded any more")
+            self._report(member, "warning", f"under {control}, in {vehicle.mode_name}: no longer commanded")
         if member.stage is Stage.CLIMBING and self._is_at_height(member):
             member.stage, member.streaming_since = Stage.READY, now
         elif member.stage is Stage.READY and member.task is None:
             if now - member.streaming_since > STREAM_FIRST:
-                member.tell(FlightTask.OFFBOARD, now)
+                member.assign(FlightTask.OFFBOARD, now)
         elif member.stage is Stage.READY and self.flocking and member.obeys:
             member.stage = Stage.FLOCKING
 
@@ -152,48 +152,48 @@ class Controller:
         off = abs(member.height - self.scenario.altitude)
         return off < _AT_HEIGHT and abs(member.velocity[2]) < _SETTLED
 
-    def _watch(self, now: float) -> None:
-        """Let the watchdogs look at each vehicle of ours that is in the air."""
+    def _run_watchdogs(self, now: float) -> None:
+        """Run the watchdogs of each vehicle in the air that is under our control."""
         nearest = self._nearest()
         for member in self.members:
             if member.stage not in IN_OUR_HANDS:
                 continue
             vehicle = member.vehicle
-            look = VehicleSnapshot(
+            snapshot = VehicleSnapshot(
                 position=member.position,
                 velocity=member.velocity,
                 fix_age=vehicle.fix_age,
-                silence=now - vehicle.heard,
+                silence=now - vehicle.last_received,
                 battery=vehicle.battery,
                 nearest=nearest[member.number] if member.stage is Stage.FLOCKING else math.inf,
             )
-            found = alarms(look, self._watchdogs, self.arena, self.scenario.tau)
+            found = alarms(snapshot, self._watchdogs, self.arena, self.scenario.tau)
             self._act(member, found, now)
 
     def _watch_ids(self) -> None:
-        """Tell of somebody who speaks in another's name; the ground hears the first alone."""
+        """Report a second sender with a vehicle's system id; the ground station accepts only the first."""
         for member in self.members:
             rivals = member.vehicle.rivals - self._rivals
             if rivals:
                 self._rivals |= rivals
-                who = ", ".join(sorted(rivals))
-                self._tell(member, "error", f"system id {member.system} is spoken for from elsewhere too: {who}")
+                addresses = ", ".join(sorted(rivals))
+                self._report(member, "error", f"system id {member.system} is also used by {addresses}")
 
     def _act(self, member: Member, found: list[Alarm], now: float) -> None:
         before = member.slowed
         member.slowed = frozenset(alarm.name for alarm in found if alarm.action is Action.SLOW)
         for alarm in found:
             if alarm.action is not Action.SLOW:
-                self._tell(member, "warning", f"{alarm.text}: {alarm.action}")
+                self._report(member, "warning", f"{alarm.text}: {alarm.action}")
                 self.leave(member, _TASKS[alarm.action], now)
                 return
             if alarm.name not in before:
-                self._tell(member, "warning", f"{alarm.text}: slowed")
+                self._report(member, "warning", f"{alarm.text}: slowed")
         for name in sorted(before - member.slowed):
-            self._tell(member, "info", f"{name}: over")
+            self._report(member, "info", f"{name}: over")
 
     def _nearest(self) -> list[float]:
-        """m, from each vehicle to the next in the air."""
+        """Distance from each vehicle to the nearest vehicle in the air, m."""
         flying = [member for member in self.members if member.stage in IN_THE_AIR]
         nearest = [math.inf] * len(self.members)
         if len(flying) > 1:
@@ -205,7 +205,7 @@ class Controller:
         return nearest
 
     def _steer(self) -> None:
-        """Let the policy fly those of the flock; the others' velocities are zero."""
+        """Compute the velocities of the flock with the policy; those of other vehicles are zero."""
         observation, roles = self._observation, self._roles
         for member in self.members:
             i, (x, y, spread) = member.number, member.expected_place()
@@ -223,14 +223,15 @@ class Controller:
                 self.desired[:, member.number] *= SLOWED
 
     def _is_in_the_way(self, member: Member) -> bool:
-        """Whether a vehicle is in the flock's layer without belonging to the flock."""
-        strange = member.stage in (Stage.LEFT, Stage.TAKEN, Stage.CLIMBING)
-        return strange and abs(member.height - self.scenario.altitude) < _LAYER
+        """Whether a vehicle is in the flock's height layer without belonging to the flock."""
+        outside = member.stage in (Stage.LEFT, Stage.TAKEN, Stage.CLIMBING)
+        return outside and abs(member.height - self.scenario.altitude) < _LAYER
 
     def _command(self, now: float) -> None:
-        """Send a setpoint to each vehicle that flies by them, and to one that is yet to hear that it no longer does.
+        """Send a setpoint to each vehicle that needs one.
 
-        An order may get lost; PX4 would take the end of the stream for a failure.
+        A vehicle that left the flock gets setpoints until its new mode is confirmed: a command can get lost, and PX4
+        treats the end of the stream as a failure.
         """
         for member in self.members:
             if member.stage in (Stage.READY, Stage.FLOCKING) or (member.stage is Stage.LEFT and member.streams):
@@ -243,5 +244,5 @@ class Controller:
                 if member.stage is Stage.FLOCKING and vehicle.fix is not None:
                     self.latency.note(member.number, sent, vehicle.fix.time)
 
-    def _tell(self, member: Member, level: str, text: str) -> None:
+    def _report(self, member: Member, level: str, text: str) -> None:
         self._recorder.event(level, f"drone {member.number} (system {member.system}): {text}", member.number)

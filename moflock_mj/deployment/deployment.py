@@ -1,4 +1,4 @@
-"""A deployment as the list of stages that it is: connect, check, take off, flock, finish."""
+"""A deployment and its stages: connect, check, take off, flock, finish."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from moflock_mj.scenario.scenario import Scenario
 
 _POLL = 0.05
 _CLIMB_SLOWEST = 0.4
-"""m/s, slower than which no vehicle climbs."""
+"""Minimum climb rate of a vehicle, m/s."""
 _SETTLING = 30.0
-"""s, for the rest of a take-off."""
-_DOWN_PATIENCE = 240.0
-"""s, until all are down at the end."""
-_RETURN_PATIENCE = 60.0
-"""s without anybody on the way home, after which those who cannot go land where they are."""
+"""Time for the rest of a take-off, s."""
+_LANDING_TIMEOUT = 240.0
+"""Time until all vehicles have landed at the end, s."""
+_RETURN_TIMEOUT = 60.0
+"""Time without a returning vehicle, s, after which vehicles without a clear path land where they are."""
 _CLEARANCE = 1.3
-"""Of the separation's limit: what ways home keep from each other."""
+"""Clearance between return paths, as a multiple of the separation watchdog's limit."""
 
 
 class Finish(enum.StrEnum):
-    """How a deployment ends."""
+    """End of a deployment."""
 
     HOLD = "hold"
     RETURN = "return"
@@ -52,22 +52,22 @@ class Finish(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DeployPlan:
-    """What is deployed.
+    """Plan of a deployment.
 
     Attributes:
-        params: the policy's parameters.
-        scenario: what is flown; its drones are as many as there are vehicles.
-        connections: where the vehicles are.
-        count: how many they are; None: one on each link.
-        autopilot: what all must be, "ardupilot" or "px4"; None: either.
-        finish: how it ends.
-        origin: latitude and longitude of the arena's middle, degrees; None: the mean of the vehicles' homes.
-        watchdogs: watchdogs over each vehicle.
-        rehearse: whether only simulated vehicles take part, which need no report.
-        interval: s, between two take-offs.
-        timeout: s, to wait for the vehicles.
-        log: where the log goes, or None.
-        metadata: what else the log says of itself.
+        params: parameters of the policy.
+        scenario: scenario of the flight; its number of drones becomes the number of vehicles.
+        connections: addresses of the vehicles.
+        count: number of vehicles; None for one on each link.
+        autopilot: autopilot that all vehicles must have, "ardupilot" or "px4"; None for either.
+        finish: end of the deployment.
+        origin: latitude and longitude of the arena's centre, degrees; None for the mean of the vehicles' homes.
+        watchdogs: watchdogs of each vehicle.
+        rehearse: whether all vehicles must be simulated, and no report is required.
+        interval: time between two take-offs, s.
+        timeout: time to wait for the vehicles, s.
+        log: path of the log, or None.
+        metadata: additional metadata of the log.
     """
 
     params: NamedTuple
@@ -87,17 +87,17 @@ class DeployPlan:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Deployed:
-    """A deployment that is over.
+    """Result of a deployment.
 
     Attributes:
-        plan: what it was.
-        origin: of the world.
-        figures: of the flight.
-        stages: how far each vehicle came, by its number.
-        events: what happened.
-        error: why it ended before its time; None if it did not.
-        interrupted: whether somebody wished it to end.
-        counts: packets received, lost, dropped, sent.
+        plan: plan of the deployment, with the number of vehicles.
+        origin: origin of the world frame.
+        figures: figures of the flight.
+        stages: last stage of each vehicle, by its number.
+        events: events of the flight.
+        error: reason for an early end, or None.
+        interrupted: whether the user interrupted it.
+        counts: numbers of packets received, lost, dropped and sent.
     """
 
     plan: DeployPlan
@@ -111,10 +111,10 @@ class Deployed:
 
 
 class InterruptHandler:
-    """What somebody at the keyboard wishes: once: all hold; twice: all land; three times: leave them to themselves.
+    """Ctrl-C during a deployment: first press holds all vehicles, second lands them, third releases control.
 
     Args:
-        give_up: called if nobody is armed yet.
+        give_up: function called by a press before any vehicle is armed.
     """
 
     def __init__(self, give_up: Callable[[], object] = lambda: None) -> None:
@@ -129,13 +129,13 @@ class InterruptHandler:
             self._give_up()
 
     async def next(self) -> None:
-        """Wait for the next one."""
+        """Wait for the next press."""
         await self._pressed.wait()
         self._pressed.clear()
 
 
 Check = Callable[[list[RemoteVehicle], GroundStation], Awaitable[None]]
-"""Raises what keeps these vehicles on the ground."""
+"""Check of the vehicles before take-off; raises an error to refuse the deployment."""
 
 
 async def deploy(
@@ -149,19 +149,19 @@ async def deploy(
     """Deploy a flock.
 
     Args:
-        plan: what is deployed.
-        key: of the links' signatures, or None.
-        interrupts: of somebody at the keyboard.
-        check: of the vehicles, such as that a pre-flight report is theirs.
-        say: told each event.
+        plan: plan of the deployment.
+        key: signing key of the links, or None.
+        interrupts: handler of the user's interrupts.
+        check: check of the vehicles, for example against a pre-flight report.
+        say: callback that receives each event.
 
     Raises:
-        MoflockError: nobody was armed, because of this.
+        MoflockError: the deployment was refused before any vehicle was armed.
     """
     compile_policy(plan.params, plan.scenario)
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
         plan = dataclasses.replace(plan, scenario=plan.scenario.replace(drones=len(vehicles)))
-        profiles = _styles(vehicles, plan.autopilot)
+        profiles = _autopilots(vehicles, plan.autopilot)
         await prepare(vehicles)
         if plan.rehearse:
             await require_simulated(vehicles)
@@ -199,11 +199,11 @@ async def deploy(
         )
 
 
-def _styles(vehicles: list[RemoteVehicle], wanted: str | None) -> set[str]:
-    """The autopilots' names.
+def _autopilots(vehicles: list[RemoteVehicle], wanted: str | None) -> set[str]:
+    """Names of the vehicles' autopilots.
 
     Raises:
-        MoflockError: one is not what it must be.
+        MoflockError: a vehicle has another autopilot than `wanted`.
     """
     profiles = {vehicle: piloting.profile_of(vehicle).name for vehicle in vehicles}
     for vehicle, profile in profiles.items():
@@ -213,7 +213,7 @@ def _styles(vehicles: list[RemoteVehicle], wanted: str | None) -> set[str]:
 
 
 class _Flight:
-    """The stages from arming to the end."""
+    """Stages of a deployment from arming to the end."""
 
     def __init__(self, plan: DeployPlan, flock: Controller, record: DeploymentRecorder, members: list[Member]) -> None:
         self.error: str | None = None
@@ -224,17 +224,17 @@ class _Flight:
         self._members = members
 
     async def fly(self, interrupts: InterruptHandler) -> None:
-        """Fly the stages while the controller runs, and do what somebody wishes meanwhile."""
+        """Fly the stages while the controller runs, and respond to interrupts."""
         control = asyncio.create_task(self._flock.run())
         job = asyncio.create_task(self._stages_or_land())
-        answers = [self._hold_on, self._come_down]
+        responses = [self._hold, self._land]
         try:
             while not await _done_before(job, control, interrupts):
                 self.interrupted = True
                 await _cancelled(job)
-                if not answers:
+                if not responses:
                     return
-                job = asyncio.create_task(answers.pop(0)())
+                job = asyncio.create_task(responses.pop(0)())
             await job
         finally:
             await _cancelled(job)
@@ -245,7 +245,7 @@ class _Flight:
             await self._stages()
         except CommandError as problem:
             self._record.event("error", str(problem))
-            await self._come_down()
+            await self._land()
             self.error = str(problem)
 
     async def _stages(self) -> None:
@@ -255,7 +255,7 @@ class _Flight:
         await self._end()
 
     async def _take_off(self) -> None:
-        """Arm and take off one after the other, `interval` apart."""
+        """Arm the vehicles and let them take off one after the other, `interval` apart."""
         self._record.event("info", f"{len(self._members)} vehicles take off to {self._plan.scenario.altitude:g} m")
         climbing = []
         try:
@@ -277,8 +277,8 @@ class _Flight:
             member.climb()
 
     async def _reach_height(self) -> None:
-        """Wait until all that are still ours are at their height and obey setpoints."""
-        patience = self._plan.scenario.altitude / _CLIMB_SLOWEST + _SETTLING
+        """Wait until all vehicles under our control are at their height and follow setpoints."""
+        timeout = self._plan.scenario.altitude / _CLIMB_SLOWEST + _SETTLING
 
         def ready() -> bool:
             ours = self._ours()
@@ -286,16 +286,16 @@ class _Flight:
                 member.stage is Stage.READY and member.task is FlightTask.OFFBOARD and member.obeys for member in ours
             )
 
-        if not await _until(ready, patience):
+        if not await _until(ready, timeout):
             slow = next(member for member in self._ours() if member.stage is not Stage.READY or not member.obeys)
             raise CommandError(
-                f"{slow.vehicle}: at {slow.height:.1f} m in {slow.vehicle.mode_name} after {patience:.0f} s; it must "
-                f"be at {self._plan.scenario.altitude:g} m and obey setpoints"
+                f"{slow.vehicle}: at {slow.height:.1f} m in {slow.vehicle.mode_name} after {timeout:.0f} s; it must "
+                f"be at {self._plan.scenario.altitude:g} m and follow setpoints"
             )
 
     async def _fly_policy(self) -> None:
-        """Let the policy fly for the scenario's duration, or as long as anybody is left."""
-        self._record.event("info", f"{len(self._ours())} vehicles flock")
+        """Fly the policy for the scenario's duration, or until no vehicle is left in the flock."""
+        self._record.event("info", f"{len(self._ours())} vehicles in the flock")
         self._flock.flocking = True
         try:
             enough = self._plan.scenario.duration - 1e-9
@@ -303,34 +303,34 @@ class _Flight:
         finally:
             self._flock.flocking = False
         if not self._ours():
-            self.error = "nobody is left in the flock"
+            self.error = "no vehicle is left in the flock"
 
     async def _end(self) -> None:
-        """Hold, return or land."""
+        """Hold, return or land all vehicles, as planned."""
         if self._plan.finish is Finish.LAND:
-            await self._come_down()
+            await self._land()
         elif self._plan.finish is Finish.RETURN:
             await self._return()
         else:
-            self._record.event("info", "all hold")
+            self._record.event("info", "all vehicles hold")
             self._flock.leave_all(FlightTask.HOLD)
             await _until(lambda: all(member.obeys for member in self._left()), _SETTLING)
 
-    async def _hold_on(self) -> None:
-        """All hold until somebody says more."""
-        self._record.event("warning", "all hold; once more: all land")
+    async def _hold(self) -> None:
+        """Let all vehicles hold until the next interrupt."""
+        self._record.event("warning", "all vehicles hold; interrupt again to land them")
         self._flock.leave_all(FlightTask.HOLD)
         await _until(lambda: not self._left(), None)
 
-    async def _come_down(self) -> None:
-        """All land where they are."""
-        self._record.event("info", "all land")
+    async def _land(self) -> None:
+        """Land all vehicles where they are."""
+        self._record.event("info", "all vehicles land")
         self._flock.leave_all(FlightTask.LAND)
         await self._all_down()
 
     async def _return(self) -> None:
-        """All return, each as soon as its way home is clear of all others."""
-        self._record.event("info", "all return")
+        """Return all vehicles, each one as soon as its path is clear of all others."""
+        self._record.event("info", "all vehicles return")
         self._flock.leave_all(FlightTask.HOLD)
         loop = asyncio.get_running_loop()
         moved = loop.time()
@@ -340,60 +340,60 @@ class _Flight:
                     self._flock.leave(member, FlightTask.RETURN, loop.time())
             if any(member.task is FlightTask.RETURN for member in self._left()):
                 moved = loop.time()
-            if loop.time() - moved > _RETURN_PATIENCE:
-                self._record.event("warning", f"{len(waiting)} vehicles have no clear way home: they land")
+            if loop.time() - moved > _RETURN_TIMEOUT:
+                self._record.event("warning", f"{len(waiting)} vehicles have no clear return path: they land")
                 self._flock.leave_all(FlightTask.LAND)
             await asyncio.sleep(4 * _POLL)
         await self._all_down()
 
     def _may_return(self, member: Member) -> bool:
         others = [
-            _way(other, homeward=other.task is FlightTask.RETURN)
+            _path(other, homeward=other.task is FlightTask.RETURN)
             for other in self._members
             if other is not member and other.stage in IN_THE_AIR
         ]
-        return is_clear(_way(member, homeward=True), others, _CLEARANCE * self._plan.watchdogs.separation.limit)
+        return is_clear(_path(member, homeward=True), others, _CLEARANCE * self._plan.watchdogs.separation.limit)
 
     async def _all_down(self) -> None:
-        if not await _until(lambda: not self._left() or self._unheard(), _DOWN_PATIENCE):
-            self.error = f"{len(self._left())} vehicles are not down after {_DOWN_PATIENCE:.0f} s"
-        elif self._unheard():
-            self.error = f"{len(self._left())} vehicles are not heard any more"
+        if not await _until(lambda: not self._left() or self._all_silent(), _LANDING_TIMEOUT):
+            self.error = f"{len(self._left())} vehicles have not landed after {_LANDING_TIMEOUT:.0f} s"
+        elif self._all_silent():
+            self.error = f"{len(self._left())} vehicles do not respond any more"
 
     def _ours(self) -> list[Member]:
         return [member for member in self._members if member.stage in IN_OUR_HANDS]
 
     def _left(self) -> list[Member]:
-        """Who flies by an order of ours."""
+        """Vehicles that fly under our commands, in the flock or after leaving it."""
         return [member for member in self._members if member.stage in (*IN_OUR_HANDS, Stage.LEFT)]
 
-    def _unheard(self) -> bool:
-        """Whether nobody who still flies by our orders has been heard for long."""
+    def _all_silent(self) -> bool:
+        """Whether none of the vehicles under our commands has sent a message for `_SETTLING`."""
         now, left = asyncio.get_running_loop().time(), self._left()
-        return bool(left) and all(now - member.vehicle.heard > _SETTLING for member in left)
+        return bool(left) and all(now - member.vehicle.last_received > _SETTLING for member in left)
 
 
-def _way(member: Member, *, homeward: bool) -> tuple[tuple[float, float], tuple[float, float]]:
+def _path(member: Member, *, homeward: bool) -> tuple[tuple[float, float], tuple[float, float]]:
     here = member.position[:2]
     return here, (member.home if homeward else here)
 
 
 async def _done_before(job: asyncio.Task[None], control: asyncio.Task[None], interrupts: InterruptHandler) -> bool:
-    """Whether a job is over before somebody wishes something; a controller that fails ends all."""
-    wish = asyncio.create_task(interrupts.next())
+    """Whether a job ends before the next interrupt; an error of the controller is raised."""
+    interrupt = asyncio.create_task(interrupts.next())
     try:
-        await asyncio.wait({job, control, wish}, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait({job, control, interrupt}, return_when=asyncio.FIRST_COMPLETED)
         if control.done():
             control.result()
         return job.done()
     finally:
-        await _cancelled(wish)
+        await _cancelled(interrupt)
 
 
-async def _until(condition: Callable[[], bool], patience: float | None) -> bool:
-    """Wait for a condition; returns whether it came true within `patience`, s."""
+async def _until(condition: Callable[[], bool], timeout: float | None) -> bool:
+    """Wait for a condition; returns whether it came true within `timeout`, s."""
     loop = asyncio.get_running_loop()
-    deadline = None if patience is None else loop.time() + patience
+    deadline = None if timeout is None else loop.time() + timeout
     while not condition():
         if deadline is not None and loop.time() >= deadline:
             return False
@@ -402,7 +402,7 @@ async def _until(condition: Callable[[], bool], patience: float | None) -> bool:
 
 
 async def _cancelled(task: asyncio.Task[Any]) -> None:
-    """End a task; what it has to say of that is of no interest."""
+    """Cancel a task, wait for it, and ignore its cancellation or command error."""
     task.cancel()
     with contextlib.suppress(asyncio.CancelledError, CommandError):
         await task

@@ -1,20 +1,23 @@
-"""Whether the controller itself is well: its loop keeps its time."""
+"""Health of the control loop: whether its ticks are on time."""
 
 from __future__ import annotations
 
 LATE = 0.15
-"""s, by which a tick may be late."""
+"""Maximum delay of a tick, s."""
 PATIENCE = 1.0
-"""s of late ticks more than of others, or one tick that is as late as this, after which the controller is not well."""
+"""Accumulated time of late ticks minus ticks on time, or delay of one tick, s, from which the loop is unhealthy."""
 RECOVERY = 3.0
-"""s of ticks in time, after which it is again."""
+"""Time without late ticks, s, after which the loop is healthy again."""
 
 
 class Health:
-    """Judges the loop by how late its ticks are.
+    """Monitor of the delays of the control loop's ticks.
 
     Args:
-        period: s, of the ticks.
+        period: period of the ticks, s.
+
+    Attributes:
+        well: whether the loop is healthy.
     """
 
     def __init__(self, period: float) -> None:
@@ -23,26 +26,26 @@ class Health:
         self._late = 0.0
         self._in_time = 0.0
         self._before: float | None = None
-        self._told: list[tuple[str, str]] = []
+        self._events: list[tuple[str, str]] = []
 
     def take(self, now: float, late: float) -> bool:
-        """Take note of a tick at `now` that is so late, s; returns whether the controller is well."""
+        """Record a tick at `now` with its delay, s; returns whether the loop is healthy."""
         gap = self._period if self._before is None else now - self._before
         self._before = now
         if late > LATE:
             self._late, self._in_time = min(self._late + gap, 2 * PATIENCE), 0.0
         else:
-            # After a late tick others follow at once, which are in time: they make good for their own time alone.
+            # After a late tick, ticks on time follow at once; each one only compensates for its own gap.
             self._late, self._in_time = max(self._late - gap, 0.0), self._in_time + gap
         if self.well and (self._late > PATIENCE or late > PATIENCE):
             self.well = False
-            self._told.append(("error", f"the controller is {late:.2f} s late: no heartbeats until it is well"))
+            self._events.append(("error", f"the controller is {late:.2f} s late: heartbeats stop until it recovers"))
         elif not self.well and self._in_time > RECOVERY:
             self.well = True
-            self._told.append(("info", "the controller keeps its time again"))
+            self._events.append(("info", "the controller is on time again"))
         return self.well
 
-    def told(self) -> list[tuple[str, str]]:
-        """What is new, with its level."""
-        told, self._told = self._told, []
-        return told
+    def new_events(self) -> list[tuple[str, str]]:
+        """Return the events since the last call, as level and text."""
+        events, self._events = self._events, []
+        return events

@@ -1,23 +1,23 @@
-"""One vehicle of a deployed flock: how far it is, what it has been told, and who flies it."""
+"""One vehicle of a deployed flock: its flight phase, the commands sent to it, and who controls it."""
 
 from __future__ import annotations
 
 import enum
 
-from moflock_mj.ground_station.piloting import AutopilotProfile, FlightTask, mode_order, profile_of
+from moflock_mj.ground_station.piloting import AutopilotProfile, FlightTask, mode_command, profile_of
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.frames import Origin, Triple
 
-_ASK_AGAIN = 0.3
-"""s, after which an order that has not shown in HEARTBEAT is given again."""
+_REPEAT_INTERVAL = 0.3
+"""Interval at which a command is repeated until HEARTBEAT confirms it, s."""
 _UNDER_WAY = 5.0
-"""s, for which an order may be on its way, or one that was given before it."""
+"""Maximum time for which a command can be in transit, s."""
 _COASTING = 3.0
-"""s, for which a vehicle that is not heard is taken to fly on: ArduCopter's GUID_TIMEOUT."""
+"""Time for which a silent vehicle is assumed to keep its velocity, s: ArduCopter's GUID_TIMEOUT."""
 
 
 class Stage(enum.StrEnum):
-    """How far a vehicle is."""
+    """Flight phase of a vehicle."""
 
     GROUND = "on the ground"
     ARMING = "arming"
@@ -25,27 +25,27 @@ class Stage(enum.StrEnum):
     READY = "at its height"
     FLOCKING = "flocking"
     LEFT = "left the flock"
-    TAKEN = "flown by somebody else"
+    TAKEN = "under external control"
     DOWN = "down"
 
 
 IN_OUR_HANDS = (Stage.ARMING, Stage.CLIMBING, Stage.READY, Stage.FLOCKING)
-"""Stages in which a vehicle belongs to the flock and may leave the ground or has left it."""
+"""Stages from arming to flocking, in which a vehicle belongs to the flock."""
 IN_THE_AIR = (*IN_OUR_HANDS, Stage.LEFT, Stage.TAKEN)
 
 
 class Member:
-    """A vehicle in its flock.
+    """A vehicle of the flock.
 
     Args:
-        number: of the drone, from 0.
-        vehicle: as its ground station knows it.
-        origin: of the world.
+        number: number of the drone, from 0.
+        vehicle: the vehicle at its ground station.
+        origin: origin of the world frame.
 
     Attributes:
-        stage: how far it is.
-        task: what it has been told to do last; None before it is at its height.
-        slowed: names of the watchdogs that slow it now.
+        stage: flight phase.
+        task: last assigned task; None before the vehicle is at its height.
+        slowed: names of the watchdogs that slow the vehicle now.
     """
 
     def __init__(self, number: int, vehicle: RemoteVehicle, origin: Origin) -> None:
@@ -58,11 +58,11 @@ class Member:
         self.position: Triple = (0.0, 0.0, 0.0)
         self.velocity: Triple = (0.0, 0.0, 0.0)
         self.streaming_since = 0.0
-        """s, since when it gets setpoints: at its height."""
+        """Time of its first setpoint, at its height, s."""
         self._origin = origin
         self._allowed: set[int] = {*self.profile.taking_off, vehicle.mode}
         self._confirmed = True
-        self._told = self._again = 0.0
+        self._assigned_at = self._repeat_at = 0.0
 
     @property
     def system(self) -> int:
@@ -70,23 +70,23 @@ class Member:
 
     @property
     def height(self) -> float:
-        """m, above its home."""
+        """Height above its home, m."""
         return self.vehicle.fix.height if self.vehicle.fix else 0.0
 
     @property
     def home(self) -> tuple[float, float]:
-        """East and north, m, of where it took off; where it is now, if it does not say."""
+        """East and north of its home, m; its present position if the home is unknown."""
         home = self.vehicle.home()
         return self.position[:2] if home is None else self._origin.world(home[0], home[1])
 
     @property
     def obeys(self) -> bool:
-        """Whether HEARTBEAT shows that it does what it has been told."""
+        """Whether HEARTBEAT confirms the last assigned task."""
         return self._confirmed
 
     @property
     def streams(self) -> bool:
-        """Whether it still flies by setpoints, at its height."""
+        """Whether it still follows setpoints although another task has been assigned."""
         return (
             self.streaming_since > 0
             and not self._confirmed
@@ -94,11 +94,11 @@ class Member:
         )
 
     def settled(self, now: float) -> bool:
-        """Whether it stays as it is: disarmed, and no order is on its way that could yet arm it."""
-        return not self.vehicle.armed and (self._confirmed or now - self._told > _UNDER_WAY)
+        """Whether it is disarmed and no command in transit can arm it."""
+        return not self.vehicle.armed and (self._confirmed or now - self._assigned_at > _UNDER_WAY)
 
     def look(self) -> None:
-        """Take over where it is."""
+        """Update position and velocity from telemetry."""
         place = self.vehicle.position(self._origin)
         if place is not None:
             self.position = place
@@ -106,7 +106,7 @@ class Member:
             self.velocity = self.vehicle.velocity
 
     def expected_place(self) -> tuple[float, float, float]:
-        """East and north, m, where it should be by now, and how wrong that may be: one that is not heard coasts."""
+        """Extrapolated position, east and north, m, and its uncertainty, m; a silent vehicle keeps its velocity."""
         coasting = min(self.vehicle.fix_age, _COASTING) if self.vehicle.fix else 0.0
         x, y, _ = self.position
         vx, vy, _ = self.velocity
@@ -114,20 +114,20 @@ class Member:
         return x + coasting * vx, y + coasting * vy, way / 2
 
     def climb(self) -> None:
-        """It has left the ground: from now on it is in no mode that a take-off does not need."""
+        """Enter the stage CLIMBING, in which only the modes of a take-off are allowed."""
         self.stage = Stage.CLIMBING
         self._allowed = set(self.profile.taking_off)
 
-    def tell(self, task: FlightTask, now: float) -> None:
-        """Give it a task; the order goes out with the next `update`, and again until HEARTBEAT shows it."""
+    def assign(self, task: FlightTask, now: float) -> None:
+        """Assign a task; `update` sends its command and repeats it until HEARTBEAT confirms it."""
         wanted = self.profile.modes[task]
-        # Orders that are still under way may yet show, and so may the end of a take-off, after which PX4 holds.
+        # Commands in transit can still take effect, and so can the end of a take-off, after which PX4 holds.
         pending = set() if self._confirmed and self.task is not None else self._allowed
         self._allowed = {self.vehicle.mode, wanted} | pending
-        self.task, self._confirmed, self._told, self._again = task, False, now, now
+        self.task, self._confirmed, self._assigned_at, self._repeat_at = task, False, now, now
 
     def update(self, now: float) -> bool:
-        """Give orders that are due; returns False if it is in a mode that nobody here has asked for."""
+        """Send a due command; returns False if the vehicle is in a mode that was not requested."""
         mode = self.vehicle.mode
         if self.task is None:
             return mode in self._allowed
@@ -136,11 +136,11 @@ class Member:
             self._confirmed, self._allowed = True, self._afterwards(wanted)
         elif mode not in self._allowed:
             return False
-        elif not self._confirmed and now >= self._again:
-            self.vehicle.send(mode_order(self.vehicle, wanted))
-            self._again = now + _ASK_AGAIN
+        elif not self._confirmed and now >= self._repeat_at:
+            self.vehicle.send(mode_command(self.vehicle, wanted))
+            self._repeat_at = now + _REPEAT_INTERVAL
         return True
 
     def _afterwards(self, wanted: int) -> set[int]:
-        """Modes that it may be in once it has obeyed: a return ends with a landing."""
+        """Allowed modes after the task is confirmed: a return ends with a landing."""
         return {wanted, self.profile.modes[FlightTask.LAND]} if self.task is FlightTask.RETURN else {wanted}

@@ -1,4 +1,4 @@
-"""Before anybody is armed: what vehicles are asked for, where the world is, and what must not take off."""
+"""Preparation before arming: message rates, home positions, and conditions that forbid a take-off."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ RATES = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0.0,
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 0.0,
 }
-"""Hz. A position each 40 ms: what a setpoint goes by is never older than that and the link's delay. The last two only
-repeat others, in a frame of the vehicle's own; PX4 sends them unasked.
+"""Message rates, Hz. With a position each 40 ms, the position behind a setpoint is at most 40 ms plus the link's delay
+old. The last two messages are redundant, and PX4 sends them unasked.
 """
 
 
 _PX4_SIMULATED = int.from_bytes(b"ONIDLATI", "little")
-"""AUTOPILOT_VERSION.uid of a PX4 built for simulation, cut out of SIMULATIONID0000, at system id 1; others follow."""
+"""AUTOPILOT_VERSION.uid of a PX4 built for simulation with system id 1 (part of SIMULATIONID0000); others follow."""
 
 
 _NEEDED = (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,)
-"""Messages without whose rate nobody flies."""
+"""Messages whose rate is required for a flight."""
 
 
-_FIX_PATIENCE = 5.0
-"""s, for a first position."""
+_FIX_TIMEOUT = 5.0
+"""Time to wait for the first position, s."""
 
 
 _POLL = 0.1
 
 
 _AWAY_MAX = 10_000.0
-"""m, from the origin to a vehicle; farther away it is a mistake in the origin."""
+"""Distance from the origin, m, beyond which a vehicle's position indicates a wrong origin."""
 
 
 async def prepare(vehicles: Sequence[RemoteVehicle]) -> None:
-    """Ask all vehicles for what a deployment needs to know.
+    """Request the messages that a deployment requires from all vehicles.
 
     Raises:
-        DeploymentError: one does not tell.
+        DeploymentError: a vehicle does not send a required message, or has no position or home.
     """
     await asyncio.gather(*(_prepare(vehicle) for vehicle in vehicles))
 
@@ -60,32 +60,32 @@ async def prepare(vehicles: Sequence[RemoteVehicle]) -> None:
 async def _prepare(vehicle: RemoteVehicle) -> None:
     refused = await set_rates(vehicle, RATES)
     if set(refused) & set(_NEEDED):
-        raise DeploymentError(f"{vehicle}: does not send GLOBAL_POSITION_INT when asked to")
+        raise DeploymentError(f"{vehicle}: does not send GLOBAL_POSITION_INT at the requested rate")
     for number in (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_HOME_POSITION):
         await request_message(vehicle, number)
-    deadline = asyncio.get_running_loop().time() + _FIX_PATIENCE
+    deadline = asyncio.get_running_loop().time() + _FIX_TIMEOUT
     while vehicle.fix is None or vehicle.home() is None:
         if asyncio.get_running_loop().time() > deadline:
-            what = "where it is" if vehicle.fix is None else "where its home is"
-            raise DeploymentError(f"{vehicle}: does not know {what}; wait for its GPS")
+            missing = "position" if vehicle.fix is None else "home"
+            raise DeploymentError(f"{vehicle}: has no {missing} yet; wait for its GPS")
         await asyncio.sleep(_POLL)
 
 
 async def require_simulated(vehicles: Sequence[RemoteVehicle]) -> None:
-    """Refuse anybody who may be real: a rehearsal skips the pre-flight report.
+    """Refuse vehicles that could be real, since a rehearsal skips the pre-flight report.
 
-    A simulated vehicle is on this machine, and says what it is: the AUTOPILOT_VERSION of our fleet and of PX4's
-    simulation has a mark, and ArduPilot sends SIMSTATE only from its simulator.
+    A simulated vehicle is on this machine and identifies itself: by a mark in the AUTOPILOT_VERSION of our fleet and of
+    PX4's simulation, or by SIMSTATE, which ArduPilot sends only from its simulator.
 
     Raises:
-        DeploymentError: one may be real.
+        DeploymentError: a vehicle could be real.
     """
     for vehicle in vehicles:
         if not vehicle.is_local:
             raise DeploymentError(f"rehearse: {vehicle} is not on this machine: it needs a pre-flight report")
     for vehicle, simulated in zip(vehicles, await asyncio.gather(*map(_is_simulated, vehicles)), strict=True):
         if not simulated:
-            raise DeploymentError(f"rehearse: {vehicle} does not say that it is simulated: it needs a report")
+            raise DeploymentError(f"rehearse: {vehicle} does not identify as simulated: it needs a pre-flight report")
 
 
 async def _is_simulated(vehicle: RemoteVehicle) -> bool:
@@ -99,19 +99,19 @@ async def _is_simulated(vehicle: RemoteVehicle) -> bool:
 
 
 def check_start(members: Sequence[Member], scenario: Scenario, watchdogs: Watchdogs) -> None:
-    """Refuse what must not take off, whatever a report says.
+    """Refuse vehicles that must not take off, whatever the report says.
 
     Raises:
-        DeploymentError: the first thing that is wrong.
+        DeploymentError: a vehicle is armed, in the air, outside the arena, low on battery, or too close to another.
     """
     arena = scenario.arena
     for member in members:
         vehicle, (x, y, _) = member.vehicle, member.position
         if vehicle.armed or vehicle.landed is False:
-            raise DeploymentError(f"{vehicle}: is armed or flies already; it must stand disarmed")
+            raise DeploymentError(f"{vehicle}: is armed or in the air; it must be disarmed and on the ground")
         if arena.distance_outside((x, y)) > 0:
             where = f"{x:.0f}, {y:.0f} m" if max(abs(x), abs(y)) < _AWAY_MAX else "far away"
-            raise DeploymentError(f"{vehicle}: stands outside of the {arena.title} ({where} from its middle)")
+            raise DeploymentError(f"{vehicle}: stands outside the {arena.title} ({where} from its centre)")
         if vehicle.battery is not None and vehicle.battery < watchdogs.battery.limit:
             share = f"{100 * vehicle.battery:.0f} %"
             raise DeploymentError(

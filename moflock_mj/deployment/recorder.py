@@ -1,6 +1,6 @@
 """The log of a deployed flight: samples, events and every packet, in the layout of simulated flights.
 
-Its time counts from before the take-off; order parameters count while the flock is in the policy's hands.
+Its time starts before the take-off; the order parameters cover the time in which the policy flies the flock.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from moflock_mj.simulation.setup import FlightSetup
 from moflock_mj.world.state import TrueState
 
 _BLOCK = 10
-"""Samples that go to the log at once."""
+"""Number of samples per write."""
 
 
 class Figures(NamedTuple):
     """Figures of a deployed flight.
 
     Attributes:
-        flocked: s, in which the policy flew.
-        order_parameters: over that time.
-        fitness: of them.
-        separation_min: m, smallest distance between two vehicles in that time.
-        outside_max: m, farthest that one was outside of the arena in that time; 0 if none was.
-        latency: of setpoints; None before the first two.
+        flocked: time in which the policy flew, s.
+        order_parameters: order parameters over that time.
+        fitness: their fitness.
+        separation_min: smallest distance between two vehicles in that time, m.
+        outside_max: largest distance of a vehicle outside the arena in that time, m; 0 if none was outside.
+        latency: timing of setpoints; None before the first two.
     """
 
     flocked: float
@@ -59,19 +59,19 @@ class Figures(NamedTuple):
 
 
 class DeploymentRecorder:
-    """Takes down a deployed flight; a context manager that finishes the log.
+    """Recorder of a deployed flight; a context manager that finishes the log.
 
     Args:
-        path: of the log, or None.
-        params: the policy's parameters.
-        scenario: what is flown.
+        path: path of the log, or None.
+        params: parameters of the policy.
+        scenario: scenario of the flight.
         members: the vehicles.
-        clock: tells the time, s.
-        metadata: what else the log says of itself.
-        say: told each event.
+        clock: function that returns the time, s.
+        metadata: additional metadata of the log.
+        say: callback that receives each event.
 
     Attributes:
-        flocked: s, in which the policy has flown.
+        flocked: time in which the policy has flown, s.
 
     Raises:
         LogError: the log cannot be written.
@@ -110,11 +110,11 @@ class DeploymentRecorder:
 
     @property
     def time(self) -> float:
-        """s, since the log began."""
+        """Time since the start of the log, s."""
         return self._clock() - self._began
 
     def event(self, level: str, text: str, drone: int = -1) -> None:
-        """Take down an event."""
+        """Record an event."""
         severity: Any = level
         event = FlightEvent(round(self.time * 1e9), severity, text, drone)
         self.events.append(event)
@@ -123,13 +123,13 @@ class DeploymentRecorder:
         self._say(event)
 
     def packet(self, traffic: Traffic) -> None:
-        """Take down a packet of a link."""
+        """Record a packet of a link."""
         if self._log is not None:
             time_ns = max(round((traffic.time - self._began) * 1e9), 0)
             self._log.packet(LinkPacket(time_ns, traffic.system, traffic.is_sent, traffic.packet))
 
     def sample(self, flock: Controller) -> None:
-        """Take a sample, if one is due."""
+        """Record a sample, if one is due."""
         now = self.time
         if flock.flocking and self._flocking_since is None:
             self._flocking_since = now
@@ -140,7 +140,7 @@ class DeploymentRecorder:
         if slot <= self._slot:
             return
         row = self._look(flock)
-        # A loop that was late leaves no hole.
+        # After a late tick the row is repeated, so that the log has no gap.
         for number in range(self._slot + 1, slot + 1):
             self._rows.append((np.int64(number * round(self._scenario.sample_period * 1e9)), *row))  # type: ignore[arg-type]
         self._slot = slot
@@ -148,7 +148,7 @@ class DeploymentRecorder:
             self._write()
 
     def figures(self, flock: Controller) -> Figures:
-        """Of the flight so far."""
+        """Figures of the flight so far."""
         phi = OrderParameters(*self._running.tolist())
         return Figures(
             flocked=self.flocked,
@@ -180,10 +180,10 @@ class DeploymentRecorder:
     ) -> None:
         if self._log is not None:
             self._write()
-            self._log.finish({"flown": repr(self.flocked), "error": str(error) or "the flight was broken off"})
+            self._log.finish({"flown": repr(self.flocked), "error": str(error) or "the flight was aborted"})
 
     def _look(self, flock: Controller) -> tuple[NDArray[Any], ...]:
-        """A row of the log: qpos, qvel, commands, status, order parameters."""
+        """Row of the log: qpos, qvel, commands, status, order parameters."""
         drones = len(self._members)
         qpos, qvel = np.empty((drones, 7)), np.zeros((drones, 6))
         for member in self._members:
@@ -203,7 +203,7 @@ class DeploymentRecorder:
         return qpos, qvel, flock.desired.T.copy(), self._accumulator.status.copy(), self._running.copy()
 
     def _write(self) -> None:
-        """Hand the rows to the log."""
+        """Write the buffered rows to the log."""
         rows, self._rows = self._rows, []
         if self._log is None or not rows:
             return

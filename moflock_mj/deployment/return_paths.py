@@ -1,4 +1,4 @@
-"""Coming home: vehicles that all fly straight to their homes at one height would cross each other's way."""
+"""Separation of return paths: vehicles that return to their homes in straight lines at one height could collide."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ Place = tuple[float, float]
 
 
 def is_clear(way: tuple[Place, Place], others: list[tuple[Place, Place]], clearance: float) -> bool:
-    """Whether a straight way stays clear of all others, m; a vehicle that stays is a way from its place to itself."""
+    """Whether a straight path keeps the clearance, m, from all others; the path of a hovering vehicle has length 0."""
     return all(distance(way, other) >= clearance for other in others)
 
 
@@ -30,10 +30,10 @@ def _from_point(point: Place, segment: tuple[Place, Place]) -> float:
 
 
 def _cross(one: tuple[Place, Place], other: tuple[Place, Place]) -> bool:
+    """Whether two segments cross in their interiors; the distance between end points covers contact at an end."""
+
     def side(segment: tuple[Place, Place], point: Place) -> float:
         (ax, ay), (bx, by) = segment
         return (bx - ax) * (point[1] - ay) - (by - ay) * (point[0] - ax)
 
-    return (
-        side(one, other[0]) * side(one, other[1]) < 0 and side(other, one[0]) * side(other, one[1]) < 0
-    )  # touching ends are a matter of distance
+    return side(one, other[0]) * side(one, other[1]) < 0 and side(other, one[0]) * side(other, one[1]) < 0

@@ -1,4 +1,4 @@
-"""How regular setpoints are, and how old the telemetry behind them."""
+"""Timing of setpoints: their jitter, and the delay from telemetry to setpoint."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 
 
 class LatencyFigures(NamedTuple):
-    """Figures of a whole flight, ms.
+    """Setpoint timing of a whole flight.
 
     Attributes:
-        setpoints: how many were sent.
-        jitter_p50: of how far the time between two setpoints to a vehicle is from the period; so are the next two.
-        jitter_p99: its 99th percentile.
-        jitter_max: its largest.
-        telemetry_p50: of the time from the arrival of a position to the setpoint that it led to; so are the next two.
-        telemetry_p99: its 99th percentile.
-        telemetry_max: its largest.
+        setpoints: number of setpoints.
+        jitter_p50: median deviation of the time between two setpoints to a vehicle from the period, ms.
+        jitter_p99: 99th percentile of this deviation, ms.
+        jitter_max: maximum of this deviation, ms.
+        telemetry_p50: median delay from the arrival of a position to its setpoint, ms.
+        telemetry_p99: 99th percentile of this delay, ms.
+        telemetry_max: maximum of this delay, ms.
     """
 
     setpoints: int
@@ -29,7 +29,7 @@ class LatencyFigures(NamedTuple):
     telemetry_max: float
 
     def sentence(self) -> str:
-        """The figures that matter, in words."""
+        """The main figures, in words."""
         return (
             f"{self.setpoints} setpoints: jitter {self.jitter_p99:.1f} ms, telemetry to setpoint "
             f"{self.telemetry_p99:.1f} ms (99th percentiles; largest {self.jitter_max:.1f}, {self.telemetry_max:.1f})"
@@ -37,11 +37,11 @@ class LatencyFigures(NamedTuple):
 
 
 class Latency:
-    """Takes the times of setpoints.
+    """Recorder of setpoint times.
 
     Args:
-        period: s, between two to the same vehicle.
-        drones: how many.
+        period: nominal interval of setpoints to one vehicle, s.
+        drones: number of vehicles.
     """
 
     def __init__(self, period: float, drones: int) -> None:
@@ -51,7 +51,7 @@ class Latency:
         self._telemetry: list[float] = []
 
     def note(self, drone: int, sent: float, arrived: float) -> None:
-        """A setpoint was sent, computed from a position that arrived then; s."""
+        """Record a setpoint: the time at which it was sent, and at which its position arrived, s."""
         before = self._before[drone]
         if before is not None:
             self._jitter.append(abs(sent - before - self._period))
@@ -59,7 +59,7 @@ class Latency:
         self._telemetry.append(sent - arrived)
 
     def figures(self) -> LatencyFigures | None:
-        """Of all setpoints so far; None before the first two."""
+        """Timing of all setpoints so far; None before the first two."""
         if not self._jitter:
             return None
         columns = [np.percentile(1e3 * np.array(values), (50, 99, 100)) for values in (self._jitter, self._telemetry)]

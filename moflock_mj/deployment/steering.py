@@ -1,7 +1,4 @@
-"""What a ground station commands each drone of a flock: the policy of the simulated flights, on what vehicles tell.
-
-Compiled rooms stand beside the flight's own, where their cache follows the project's sources.
-"""
+"""Velocity commands of a deployed flock: the policy of the simulated flights, applied to telemetry."""
 
 from __future__ import annotations
 
@@ -28,19 +25,19 @@ from moflock_mj.world.state import TrueState
 from moflock_mj.world.walls import locate_walls
 
 _BRAKING = 3.0
-"""m/s^2, with which a drone stops before one that it keeps off."""
+"""Deceleration before an avoided drone, m/s^2."""
 _SLOPE = 1.0
-"""1/s, of the last metres of that."""
+"""Slope of the linear part of the braking curve, 1/s."""
 
 
 class FlockRoles(NamedTuple):
-    """Which drones fly by the policy, and which others they keep off.
+    """Roles of the drones in the policy.
 
     Attributes:
-        agents: (N,), 1 for a drone of the flock: it flies by the policy, and the policy of the others heeds it.
-        avoided: (N,), 1 for one that has left the flock and is in its layer: it is no agent to anybody, but nobody
-            comes nearer to it than `keep_off`.
-        keep_off: (N,), m, around each shunned one.
+        agents: 1 for a drone of the flock, which flies with the policy and is a neighbour of others, (N,).
+        avoided: 1 for a drone in the flock's layer that does not belong to the flock: it is no neighbour, but the
+            flock keeps the distance `keep_off`, (N,).
+        keep_off: distance to keep from each avoided drone, (N,), m.
     """
 
     agents: NDArray[np.uint8]
@@ -62,16 +59,16 @@ def steer(
     observation: Observation,
     out: NDArray[np.float64],
 ) -> None:
-    """Write the velocity of each agent, and zero for the others.
+    """Write the velocity of each agent, and zero for other drones.
 
     Args:
-        params: the policy's parameters, whose type chooses the policy.
-        limits: speeds of the scenario, m/s.
-        arena: where the walls are.
-        r_comm: m, up to which drones heed each other.
-        roles: who flies by the policy.
-        observation: positions and velocities as telemetry has them, own and heard; neighbours and walls are written.
-        out: (2, N), m/s, world; written.
+        params: parameters of the policy; their type selects the policy.
+        limits: speed limits of the scenario, m/s.
+        arena: arena with the walls.
+        r_comm: communication range, m.
+        roles: roles of the drones.
+        observation: own and received positions and velocities from telemetry; neighbours and walls are written.
+        out: velocities, (2, N), m/s, world; written.
     """
     _find_agents(r_comm, roles, observation)
     locate_walls(arena, observation.own_position, observation.wall_distance, observation.wall_normal)
@@ -84,7 +81,7 @@ def steer(
 
 
 def compile_policy(params: NamedTuple, scenario: Scenario) -> None:
-    """Compile what steers and judges a flock, which takes some 20 s once on a machine, before anybody listens."""
+    """Compile the policy and the metrics, which takes about 20 s once per machine, before vehicles are connected."""
     setup, walls = FlightSetup.resolve(params, scenario), scenario.arena.walls
     observation = Observation.empty(2, walls)
     steer(setup.params, setup.limits, setup.arena, scenario.r_comm, FlockRoles.none(2), observation, np.zeros((2, 2)))
@@ -94,7 +91,7 @@ def compile_policy(params: NamedTuple, scenario: Scenario) -> None:
 
 @kernel
 def _find_agents(r_comm: float, roles: FlockRoles, observation: Observation) -> None:
-    """List whom each agent heeds: the other agents within r_comm."""
+    """List the neighbours of each agent: the other agents within r_comm."""
     x, y = observation.own_position
     observation.neighbour_count[:] = 0
     for i in range(x.size):
@@ -110,7 +107,7 @@ def _find_agents(r_comm: float, roles: FlockRoles, observation: Observation) -> 
 def _keep_off(
     limits: SpeedLimits, roles: FlockRoles, observation: Observation, i: int, out: NDArray[np.float64]
 ) -> None:
-    """Cut drone i's velocity towards each shunned drone to what it can brake in time; too near, make it go away."""
+    """Limit drone i's velocity towards each avoided drone so that it can brake in time; too near, move it away."""
     vx, vy = out[0, i], out[1, i]
     for j in range(out.shape[1]):
         if not roles.avoided[j]:
@@ -121,9 +118,9 @@ def _keep_off(
         if distance == 0:
             continue
         nx, ny = rx / distance, ry / distance
-        room = distance - roles.keep_off[j]
-        allowed = braking_curve(room, _BRAKING, _SLOPE) if room > 0 else max(_SLOPE * room, -limits.v_rep_max)
-        # One that comes nearer by itself leaves less; one that flees is not followed faster.
+        margin = distance - roles.keep_off[j]
+        allowed = braking_curve(margin, _BRAKING, _SLOPE) if margin > 0 else max(_SLOPE * margin, -limits.v_rep_max)
+        # An approaching drone reduces the allowed velocity; a receding one does not increase it.
         allowed += min(nx * observation.received_velocity[0, j] + ny * observation.received_velocity[1, j], 0.0)
         excess = vx * nx + vy * ny - allowed
         if excess > 0:
@@ -141,15 +138,15 @@ def score(
     accumulator: MetricAccumulator,
     out: NDArray[np.float64],
 ) -> float:
-    """Judge one moment as a simulated flight's samples are judged.
+    """Add one sample to the order parameters, in the same way as a simulated flight.
 
     Args:
-        world: as telemetry has it.
-        arena: where the walls are.
-        ranges: distances by which it is judged, m.
-        counts: whether it enters the order parameters.
+        world: positions and velocities from telemetry.
+        arena: arena with the walls.
+        ranges: distances of the order parameters, m.
+        counts: whether the sample enters the order parameters.
         accumulator: sums; written.
-        out: (6,), the running order parameters; written.
+        out: running order parameters, (6,); written.
 
     Returns:
         The smallest distance between two drones, m.

@@ -1,7 +1,7 @@
-"""Watchdogs over each vehicle of a deployed flock: what they look at, their limits, and what they do.
+"""Watchdogs of each vehicle of a deployed flock: monitored quantities, limits and actions.
 
-A mode that nobody here has asked for has no action of its own: somebody else flies the vehicle then, a pilot or its own
-failsafe, and it is never commanded again.
+There is no watchdog for an unrequested mode: the vehicle is then under a pilot or its own failsafe, and is not
+commanded again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from moflock_mj.world.arena import Arena
 
 
 class Action(enum.StrEnum):
-    """What a watchdog does; after all but SLOW the vehicle has left the flock for good."""
+    """Action of a watchdog; after any action but SLOW, the vehicle has left the flock for good."""
 
     SLOW = "slow"
     HOLD = "hold"
@@ -28,12 +28,12 @@ class Action(enum.StrEnum):
 
 
 SLOWED = 0.5
-"""Share of its speed that a slowed vehicle keeps."""
+"""Factor on the speed of a slowed vehicle."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Watchdog:
-    """One watchdog's limit, and its action."""
+    """Limit and action of a watchdog."""
 
     limit: float
     action: Action
@@ -41,15 +41,15 @@ class Watchdog:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Watchdogs:
-    """All watchdogs over a vehicle.
+    """All watchdogs of a vehicle.
 
     Attributes:
-        stale: s, age of its position: since it came and half of a round trip before.
-        lost: s, in which nothing has come of it.
-        fence: m, beyond the arena's wall, where it would come to rest if it braked now.
-        separation: m, to the next vehicle in the air.
-        battery: share of charge that is left.
-        keep_off: m, that the flock keeps off a vehicle which has left it; no action.
+        stale: age of the position: time since its arrival plus half a round trip, s.
+        lost: time since the last message, s.
+        fence: distance of the stopping point outside the arena, m.
+        separation: distance to the nearest vehicle in the air, m.
+        battery: remaining share of charge.
+        keep_off: distance that the flock keeps from a vehicle that left it, m; no action.
     """
 
     stale: Watchdog = Watchdog(0.5, Action.SLOW)
@@ -107,15 +107,15 @@ def _action(text: str, name: str | None) -> Action | None:
 
 
 class VehicleSnapshot(NamedTuple):
-    """What a watchdog sees of one vehicle.
+    """State of one vehicle for the watchdogs.
 
     Attributes:
-        position: m, world.
-        velocity: m/s, world.
-        fix_age: s.
-        silence: s, since anything came of it.
-        battery: share, or None.
-        nearest: m, to the next vehicle in the air.
+        position: position, m, world.
+        velocity: velocity, m/s, world.
+        fix_age: age of the position, s.
+        silence: time since the last message, s.
+        battery: remaining share of charge, or None.
+        nearest: distance to the nearest vehicle in the air, m.
     """
 
     position: Triple
@@ -127,33 +127,33 @@ class VehicleSnapshot(NamedTuple):
 
 
 class Alarm(NamedTuple):
-    """What a watchdog has found."""
+    """Alarm of a watchdog."""
 
     name: str
     action: Action
     text: str
 
 
-def alarms(look: VehicleSnapshot, watchdogs: Watchdogs, arena: Arena, stopping: float) -> list[Alarm]:
-    """What is wrong with a vehicle, the worst first.
+def alarms(snapshot: VehicleSnapshot, watchdogs: Watchdogs, arena: Arena, stopping: float) -> list[Alarm]:
+    """Alarms of a vehicle, worst first.
 
     Args:
-        look: at the vehicle.
+        snapshot: state of the vehicle.
         watchdogs: limits and actions.
-        arena: where the vehicle may be.
-        stopping: s, of its speed, that it takes to brake.
+        arena: arena of the flight.
+        stopping: ratio of stopping distance to speed, s.
     """
-    x, y = (look.position[axis] + stopping * look.velocity[axis] for axis in range(2))
+    x, y = (snapshot.position[axis] + stopping * snapshot.velocity[axis] for axis in range(2))
     beyond = float(arena.distance_outside((x, y)))
     found = []
-    if look.silence > watchdogs.lost.limit:
-        found.append(Alarm("lost", watchdogs.lost.action, f"nothing heard of it for {look.silence:.1f} s"))
-    if look.battery is not None and look.battery < watchdogs.battery.limit:
-        found.append(Alarm("battery", watchdogs.battery.action, f"{100 * look.battery:.0f} % of its charge left"))
+    if snapshot.silence > watchdogs.lost.limit:
+        found.append(Alarm("lost", watchdogs.lost.action, f"nothing received for {snapshot.silence:.1f} s"))
+    if snapshot.battery is not None and snapshot.battery < watchdogs.battery.limit:
+        found.append(Alarm("battery", watchdogs.battery.action, f"{100 * snapshot.battery:.0f} % charge left"))
     if beyond > watchdogs.fence.limit:
-        found.append(Alarm("fence", watchdogs.fence.action, f"on its way to {beyond:.0f} m outside of the arena"))
-    if look.nearest < watchdogs.separation.limit:
-        found.append(Alarm("separation", watchdogs.separation.action, f"{look.nearest:.1f} m from another"))
-    if look.fix_age > watchdogs.stale.limit:
-        found.append(Alarm("stale", watchdogs.stale.action, f"its position is {look.fix_age:.1f} s old"))
+        found.append(Alarm("fence", watchdogs.fence.action, f"stopping point {beyond:.0f} m outside the arena"))
+    if snapshot.nearest < watchdogs.separation.limit:
+        found.append(Alarm("separation", watchdogs.separation.action, f"{snapshot.nearest:.1f} m from another vehicle"))
+    if snapshot.fix_age > watchdogs.stale.limit:
+        found.append(Alarm("stale", watchdogs.stale.action, f"position is {snapshot.fix_age:.1f} s old"))
     return sorted(found, key=lambda alarm: alarm.action == Action.SLOW)

@@ -1,1 +1,1 @@
-"""What moves the drones: point masses, or MuJoCo bodies with rotors."""
+"""Vehicle dynamics: point masses, or MuJoCo rigid bodies with rotors."""

@@ -1,4 +1,4 @@
-"""Airframes: what a model file says of a vehicle, and the flock's model composed from many copies of it."""
+"""Airframes: reading of model files, and composition of a flock's model from copies of an airframe."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from moflock_mj.errors import AirframeError
 
 _GROUND = "ground"
 _GRID_SPACING = 10.0
-"""Distance between neighbours in the composed model, in m: one drone per cell of the ground."""
+"""Distance between neighbours in the composed model, m, with one drone per ground cell."""
 
 _DISABLED = (
-    # A flock that blows up must be seen by the flight's own guard, not set back to the start behind its back.
+    # An automatic reset would hide a diverged state from the check in `Simulation.run`.
     mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    # Free bodies have neither springs nor dampers; not looking for them takes a tenth off each step.
+    # Free bodies have no springs and no dampers; skipping them saves a tenth of each step.
     | mujoco.mjtDisableBit.mjDSBL_SPRING
     | mujoco.mjtDisableBit.mjDSBL_DAMPER
 )
 
 
 def airframe_names() -> tuple[str, ...]:
-    """The airframes that can be flown: the files of models/ but the ground."""
+    """Names of the available airframes: the files in models/ except the ground."""
     return tuple(sorted(path.stem for path in _models_folder().glob("*.xml") if path.stem != _GROUND))
 
 
 def airframe_path(name: str) -> Path:
-    """The model file of an airframe; it flies by itself, with MuJoCo's own actuators.
+    """Path of the model file of an airframe, which is a complete MuJoCo model with actuators.
 
     Raises:
-        AirframeError: there is none of that name.
+        AirframeError: the airframe is unknown.
     """
     names = airframe_names()
     if name not in names:
@@ -43,22 +43,22 @@ def airframe_path(name: str) -> Path:
 
 
 def load_airframe(name: str) -> Airframe:
-    """Read an airframe from its model file, by the shape of its elements.
+    """Read an airframe from its model file.
 
     Args:
-        name: one of `airframe_names`.
+        name: name in `airframe_names`.
 
     Raises:
-        AirframeError: no such airframe, or its file does not describe a quadrotor that the controllers can fly.
+        AirframeError: the airframe is unknown, or its file does not describe a supported quadrotor.
     """
     return read_airframe(airframe_path(name))
 
 
 def read_airframe(path: Path) -> Airframe:
-    """Read an airframe from any MJCF file; the file's stem becomes its name.
+    """Read an airframe from an MJCF file; its name is the stem of the path.
 
     Raises:
-        AirframeError: the file cannot be compiled, or does not describe a quadrotor that the controllers can fly.
+        AirframeError: the file cannot be compiled, or does not describe a supported quadrotor.
     """
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
@@ -89,20 +89,20 @@ def read_airframe(path: Path) -> Airframe:
 
 
 def flock_spec(airframe_name: str, drones: int, timestep: float, *, visuals: bool = False) -> mujoco.MjSpec:
-    """Compose the flock: `drones` copies of an airframe on the ground, without rotors.
+    """Compose the model of a flock: copies of an airframe on the ground, without rotors.
 
-    MuJoCo's site actuators cost time that grows with the square of the flock, so they stay behind in the airframe's
-    file; whoever flies the flock applies the rotors' forces to the bodies. Body i is named by `body_prefix`, its free
-    joint is joint i, so that qpos is (drones, 7) and qvel (drones, 6).
+    The cost of MuJoCo's site actuators grows with the square of the flock. The model therefore has none, and the caller
+    applies the rotors' forces to the bodies. The name of body i starts with `body_prefix`, and its free joint is joint
+    i, so that qpos is (drones, 7) and qvel (drones, 6).
 
     Args:
-        airframe_name: one of `airframe_names`.
+        airframe_name: name in `airframe_names`.
         drones: number of copies, at least 1.
-        timestep: s.
-        visuals: keep the geoms that are only looked at; physics is the same, but each costs time in every step.
+        timestep: integration step, s.
+        visuals: True to keep visual geoms; they do not change the physics but cost time in every step.
 
     Raises:
-        AirframeError: no such airframe.
+        AirframeError: the airframe is unknown.
     """
     body = _bare_body(airframe_name, visuals)
     spec = mujoco.MjSpec.from_file(str(_models_folder() / f"{_GROUND}.xml"))
@@ -121,16 +121,16 @@ def flock_spec(airframe_name: str, drones: int, timestep: float, *, visuals: boo
 
 
 def flock_model(airframe_name: str, drones: int, timestep: float, *, visuals: bool = False) -> mujoco.MjModel:
-    """The compiled model of `flock_spec`.
+    """Compile the model of `flock_spec`.
 
     Raises:
-        AirframeError: no such airframe.
+        AirframeError: the airframe is unknown.
     """
     return flock_spec(airframe_name, drones, timestep, visuals=visuals).compile()
 
 
 def body_prefix(drone: int, drones: int) -> str:
-    """What the names of a drone's elements start with: `drone_07_`, with as many digits as the flock needs.
+    """Prefix of the names of a drone's elements, such as `drone_07_`, with a constant number of digits in a flock.
 
     Args:
         drone: index, from 0.
@@ -148,30 +148,30 @@ def _models_folder() -> Path:
 
 
 def _bare_body(airframe_name: str, visuals: bool) -> Any:
-    """The airframe's body with nothing on it that a flock does not need (`mujoco.MjsBody`)."""
+    """Body of an airframe without the elements that a flock does not need (`mujoco.MjsBody`)."""
     spec = mujoco.MjSpec.from_file(str(airframe_path(airframe_name)))
     body = spec.worldbody.first_body()
-    unwanted = [*spec.actuators, *spec.keys, *spec.sites]
+    removed = [*spec.actuators, *spec.keys, *spec.sites]
     if not visuals:
-        unwanted += [geom for geom in body.geoms if not geom.contype and not geom.conaffinity]
-    # Assets and default classes would be copied once per drone. Elements need their classes no more: what these say was
-    # written into them when the file was read.
-    unwanted += [*(geom for geom in spec.geoms if geom.parent != body), *spec.materials, *spec.textures]
+        removed += [geom for geom in body.geoms if not geom.contype and not geom.conaffinity]
+    # Assets and default classes would be copied once per drone. The elements no longer need their classes: reading the
+    # file has already applied them.
+    removed += [*(geom for geom in spec.geoms if geom.parent != body), *spec.materials, *spec.textures]
     kept = [body, *body.joints, *body.geoms]
-    classes = {element.classname.name for element in (*kept, *unwanted) if hasattr(element, "classname")}
-    for element in unwanted:
+    classes = {element.classname.name for element in (*kept, *removed) if hasattr(element, "classname")}
+    for element in removed:
         spec.delete(element)
     for element in kept:
         element.classname = spec.default
     for name in classes - {spec.default.name}:
         unused = spec.find_default(name)
-        if unused is not None:  # else it went with the class around it
+        if unused is not None:  # otherwise it was deleted with its parent class
             spec.delete(unused)
     return body
 
 
 class _Requirements:
-    """Refuses an airframe in one line that names the field, its value and the limit."""
+    """Check of a model file: a failure raises one line that names the field, its value and the limit."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -212,7 +212,7 @@ def _rotors(
     on_sites = (transmission == mujoco.mjtTrn.mjTRN_SITE).all()
     require(on_sites, "transmission of the actuators", transmission.tolist(), "site")
     sites, gears = model.actuator_trnid[:, 0], model.actuator_gear
-    require((model.site_bodyid[sites] == body).all(), "body of the rotors' sites", "another", "the flying one")
+    require((model.site_bodyid[sites] == body).all(), "body of the rotors' sites", "another", "that of the vehicle")
     upright = np.allclose(model.site_quat[sites], (1, 0, 0, 0))
     require(upright, "quaternion of the rotors' sites", model.site_quat[sites].tolist(), "1 0 0 0")
     require(np.allclose(gears[:, :5], (0, 0, 1, 0, 0)), "gear", gears.tolist(), "0 0 1 0 0 and the yaw-torque ratio")
@@ -235,7 +235,7 @@ def _rotors(
 
 
 def _numeric(model: mujoco.MjModel, require: _Requirements, name: str, unit: str, *, above: bool = False) -> float:
-    """A number of the file's custom data, at least 0, or above it."""
+    """Number of the file's custom data, checked to be at least 0, or above 0."""
     numeric = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
     require(numeric >= 0, f"numeric {name}", "absent", f"there, in {unit or 'plain numbers'}")
     value = float(model.numeric_data[model.numeric_adr[numeric]])

@@ -1,4 +1,4 @@
-"""The types of the rigid-body dynamics: constants, state and statistics of all bodies."""
+"""Types of the rigid-body dynamics: constants, state and statistics of all bodies."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from controllers.flight_control.cascade import Gains
 
 GROUND = -1
-"""In place of a drone's number: the ground."""
+"""Number of the ground, in place of a drone's number."""
 
 
 class FlightStatistics(NamedTuple):
-    """What a flight has asked of each body so far.
+    """Statistics of each body since the start of the flight.
 
     Attributes:
         upright: (N,), smallest cosine of the tilt.
-        altitude_error: (N,), m, largest.
-        saturated: (N,), steps in which a rotor was commanded to its limit.
-        touch_step: (N,), step of the first touch, -1 before it.
-        touch_with: (N,), the other drone, or GROUND.
-        steps: (1,), steps made.
-        energy: (N,), J, that the rotors took from the battery.
-        power: (N,), W, that they take now.
+        altitude_error: (N,), largest altitude error, m.
+        saturated: (N,), number of steps with a rotor command at its limit.
+        touch_step: (N,), step of the first contact, -1 before it.
+        touch_with: (N,), number of the other drone in the first contact, or GROUND.
+        steps: (1,), number of steps.
+        energy: (N,), energy consumed by the rotors, J.
+        power: (N,), present power of the rotors, W.
     """
 
     upright: NDArray[np.float64]
@@ -38,7 +38,7 @@ class FlightStatistics(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """What air, wear and failure do to the bodies; each is Off or a named tuple, whose type chooses its stages.
+    """Physical effects on the bodies. Each is Off or a named tuple whose type selects its stages.
 
     Attributes:
         disturbance: see `moflock_mj.effects.disturbance`.
@@ -65,10 +65,10 @@ class BodyModel(NamedTuple):
     """Constants of N bodies in one MuJoCo model.
 
     Attributes:
-        gains: of the controllers, with the figures of the airframe.
-        step: s.
-        reach: m, from a body's centre to the farthest point of its collision shape.
-        power_factor: W/N^1.5, see `moflock_mj.effects.rotor_power`.
+        gains: gains of the controllers, with the figures of the airframe.
+        step: integration step, s.
+        reach: distance from a body's centre to the farthest point of its collision shape, m.
+        power_factor: electrical power of a rotor per thrust^1.5, W/N^1.5, see `moflock_mj.effects.rotor_power`.
         mujoco: address of the MuJoCo model.
         mujoco_apart: address of the same model without collision detection.
         data: address of the MuJoCo data.
@@ -87,15 +87,15 @@ class BodyState(NamedTuple):
     """State of N bodies; the first five are views of MuJoCo's arrays.
 
     Attributes:
-        qpos: (N, 7), position m world, quaternion w x y z.
-        qvel: (N, 6), velocity m/s world, body rates rad/s body.
-        qacc: (N, 6), acceleration m/s^2 world, angular rad/s^2 body, of the latest step.
-        qfrc_applied: (N, 6), force N world, torque N m body.
-        qfrc_constraint: (N, 6), what contacts did in the latest step, same frames.
-        altitude: (N,), m, to be held.
-        stopped: (N, 4), 1 for a rotor that stands still whatever it is commanded, else 0.
-        thrust: (N, 4), N, of the rotors.
-        thrust_command: (N, 4), N.
+        qpos: (N, 7), position (m, world) and quaternion w x y z.
+        qvel: (N, 6), velocity (m/s, world) and body rates (rad/s, body).
+        qacc: (N, 6), acceleration (m/s^2, world) and angular acceleration (rad/s^2, body) of the latest step.
+        qfrc_applied: (N, 6), applied force (N, world) and torque (N m, body).
+        qfrc_constraint: (N, 6), contact force (N, world) and torque (N m, body) of the latest step.
+        altitude: (N,), height to hold, m.
+        stopped: (N, 4), 1 for a stopped rotor, which ignores its command; otherwise 0.
+        thrust: (N, 4), present thrust of each rotor, N.
+        thrust_command: (N, 4), commanded thrust of each rotor, N.
         observer: (N, 6), state of the disturbance observers.
     """
 
@@ -112,14 +112,14 @@ class BodyState(NamedTuple):
 
 
 class RigidBody(NamedTuple):
-    """N bodies in one MuJoCo model, as the compiled loop sees them.
+    """Rigid-body dynamics of N bodies in one MuJoCo model, for the compiled loop.
 
     Attributes:
         model: constants.
-        controller: the gains, or Off where others write `state.thrust_command`.
-        effects: air, wear and failure.
-        state: changes in flight.
-        statistics: counts on.
+        controller: gains, or Off if the caller writes `state.thrust_command`.
+        effects: physical effects.
+        state: state of the bodies.
+        statistics: statistics of the flight.
     """
 
     model: BodyModel

@@ -1,4 +1,4 @@
-"""When contacts need MuJoCo's collision detection, and the bounds of the forces that decide it."""
+"""Contacts: a bound on the motion of bodies that decides on collision detection, and the record of touches."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from moflock_mj.effects.wind import air_velocity
 
 @hot_stage
 def air_force_bound(drag: NamedTuple, wind: NamedTuple, downwash: NamedTuple, speed: float, drones: int) -> float:
-    """More than the air can push a body with in a beat, N.
+    """Upper bound of the force of the air on a body in an interval, N; without drag that of the downwash.
 
     Args:
-        drag: figures of the vehicle.
-        wind: the air.
-        downwash: the downwash.
-        speed: m/s, that no body exceeds.
-        drones: how many there are.
+        drag: figures of the vehicle, or Off.
+        wind: the wind, or Off.
+        downwash: the downwash, or Off.
+        speed: upper bound of the speed of the bodies, m/s.
+        drones: number of drones.
     """
-    return _largest_wash(downwash, drones)
+    return _largest_downwash(downwash, drones)
 
 
 @kernel
-def _largest_wash(downwash: NamedTuple, drones: int) -> float:
+def _largest_downwash(downwash: NamedTuple, drones: int) -> float:
     largest = 0.0
     for i in range(drones):
         largest = max(largest, downwash_at(downwash, i))
@@ -39,19 +39,19 @@ def _largest_wash(downwash: NamedTuple, drones: int) -> float:
 
 
 @implements(air_force_bound, Drag)
-def _air_bound(drag: Drag, wind: NamedTuple, downwash: NamedTuple, speed: float, drones: int) -> float:
+def _drag_force_bound(drag: Drag, wind: NamedTuple, downwash: NamedTuple, speed: float, drones: int) -> float:
     fastest = 0.0
     for i in range(drones):
         air_x, air_y, air_z = air_velocity(wind, i)
         fastest = max(fastest, sqrt(air_x * air_x + air_y * air_y + air_z * air_z))
     airspeed = speed + fastest
-    # The rotors' drag goes with the root of thrust over weight, which is under 4 for every airframe that can be flown.
-    return (drag.body * airspeed + 2 * drag.rotors) * airspeed + _largest_wash(downwash, drones)
+    # Rotor drag scales with the square root of thrust over weight, and that ratio is below 4 for every airframe.
+    return (drag.body * airspeed + 2 * drag.rotors) * airspeed + _largest_downwash(downwash, drones)
 
 
 @kernel
 def _may_touch(dynamics: RigidBody, steps: int) -> bool:
-    """Whether anything could come into contact within the next steps, by a bound on how far bodies can move."""
+    """True if a contact is possible within the next steps, by an upper bound on the motion of the bodies."""
     gains, duration = dynamics.model.gains, steps * dynamics.model.step
     drones = dynamics.state.qpos.shape[0]
     fastest_sq, lowest = 0.0, np.inf
@@ -59,7 +59,7 @@ def _may_touch(dynamics: RigidBody, steps: int) -> bool:
         vx, vy, vz = dynamics.state.qvel[i, 0], dynamics.state.qvel[i, 1], dynamics.state.qvel[i, 2]
         fastest_sq = max(fastest_sq, vx * vx + vy * vy + vz * vz)
         lowest = min(lowest, dynamics.state.qpos[i, 2])
-    # Full thrust along gravity, ten deviations of the outer noise's velocity, and what the air can do.
+    # Full thrust along gravity, ten standard deviations of the velocity disturbance, and the force of the air.
     gusts = 10 * outer_force(dynamics.effects.disturbance) / gains.mass * dynamics.model.step * sqrt(steps)
     thrust_acceleration = ROTORS * gains.thrust_max / gains.mass
     speed = sqrt(fastest_sq) + gusts + duration * (thrust_acceleration + GRAVITY)
@@ -68,38 +68,38 @@ def _may_touch(dynamics: RigidBody, steps: int) -> bool:
         * air_force_bound(dynamics.effects.drag, dynamics.effects.wind, dynamics.effects.downwash, speed, drones)
         / gains.mass
     )
-    way = dynamics.model.reach + duration * speed
-    if lowest < way:
+    distance = dynamics.model.reach + duration * speed
+    if lowest < distance:
         return True
     for i in range(drones):
         for j in range(i + 1, drones):
             dx = dynamics.state.qpos[j, 0] - dynamics.state.qpos[i, 0]
             dy = dynamics.state.qpos[j, 1] - dynamics.state.qpos[i, 1]
             dz = dynamics.state.qpos[j, 2] - dynamics.state.qpos[i, 2]
-            if dx * dx + dy * dy + dz * dz < 4 * way * way:
+            if dx * dx + dy * dy + dz * dz < 4 * distance * distance:
                 return True
     return False
 
 
 @hot_kernel
-def _is_pushed(dynamics: RigidBody, i: int) -> bool:
-    """Whether contact forces acted on body i in the latest step."""
-    pushed = False
+def _has_contact(dynamics: RigidBody, i: int) -> bool:
+    """True if contact forces acted on body i in the latest step."""
+    contact = False
     for k in range(6):
-        pushed |= dynamics.state.qfrc_constraint[i, k] != 0
-    return pushed
+        contact |= dynamics.state.qfrc_constraint[i, k] != 0
+    return contact
 
 
 @kernel
 def _mark_touches(dynamics: RigidBody) -> None:
-    """Note the first step in which contact forces act on a body, and what is nearest to it then."""
+    """Record the first step with contact forces on a body, and the nearest touched drone or the ground."""
     statistics, qpos = dynamics.statistics, dynamics.state.qpos
     for i in range(qpos.shape[0]):
-        if statistics.touch_step[i] >= 0 or not _is_pushed(dynamics, i):
+        if statistics.touch_step[i] >= 0 or not _has_contact(dynamics, i):
             continue
         nearest_sq, nearest = qpos[i, 2] ** 2, GROUND
         for j in range(qpos.shape[0]):
-            if j != i and _is_pushed(dynamics, j):
+            if j != i and _has_contact(dynamics, j):
                 dx, dy, dz = qpos[j, 0] - qpos[i, 0], qpos[j, 1] - qpos[i, 1], qpos[j, 2] - qpos[i, 2]
                 distance_sq = dx * dx + dy * dy + dz * dz
                 if distance_sq < nearest_sq:

@@ -1,4 +1,4 @@
-"""The block that the two dynamics exchange: from a desired velocity to motion."""
+"""Interface of the dynamics, from a desired velocity to motion."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from moflock_mj.world.state import TrueState
 
 
 class Noise(NamedTuple):
-    """Random numbers for one beat; the first axis is of length 0 where a flight takes none of a kind.
+    """Random numbers for one control interval; the first axis has length 0 for a kind that the flight does not use.
 
     Attributes:
-        outer: (steps, 2, N), N(0, 1), of the outer noise.
-        gust: (1, 5, N), N(0, 1), of gusts.
-        inertial: (steps, 6, N), uniform in [0, 1), of gyroscope and accelerometer.
-        walk: (1, 6, N), N(0, 1), of their biases.
+        outer: (steps, 2, N), N(0, 1), for the velocity disturbance.
+        gust: (1, 5, N), N(0, 1), for gusts.
+        inertial: (steps, 6, N), uniform in [0, 1), for gyroscope and accelerometer.
+        walk: (1, 6, N), N(0, 1), for their biases.
     """
 
     outer: NDArray[np.float64]
@@ -36,33 +36,33 @@ def advance(
     noise: Noise,
     steps: int,
 ) -> None:
-    """Move all drones by one beat.
+    """Advance all drones by one control interval.
 
     Args:
         dynamics: the dynamics.
         world: the true state; written.
-        desired: (2, N), m/s, world, the velocity commanded.
-        velocity_error: (2, N), m/s, the GPS error in what each drone measures of its own velocity.
-        noise: random numbers.
-        steps: integration steps of the beat.
+        desired: (2, N), commanded velocity, m/s, world.
+        velocity_error: (2, N), GPS error of each drone's measured velocity, m/s.
+        noise: random numbers of the interval.
+        steps: integration steps of the interval.
     """
     raise NotImplementedError
 
 
 @stage
 def take_fix(dynamics: NamedTuple, velocity_error: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-    """Let each drone correct what it estimates of itself, at every GPS fix.
+    """Correct the state estimate of each drone at a GPS fix.
 
     Args:
         dynamics: the dynamics.
-        velocity_error: (2, N), m/s, the GPS error in what each drone measures of its own velocity.
-        noise: (1, 2, N), N(0, 1), of barometer and compass; (0, 2, N) where a flight takes none.
+        velocity_error: (2, N), GPS error of each drone's measured velocity, m/s.
+        noise: (1, 2, N), N(0, 1), for barometer and compass; (0, 2, N) without them.
     """
 
 
 @stage
 def write_state(dynamics: NamedTuple, world: TrueState, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
-    """Write the whole state as MuJoCo orders it.
+    """Write the complete state in MuJoCo's order.
 
     Args:
         dynamics: the dynamics.

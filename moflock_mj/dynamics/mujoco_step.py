@@ -1,7 +1,7 @@
 """MuJoCo's C `mj_step`, callable from compiled code.
 
-Numba resolves the symbol by its name in the library that the mujoco wheel carries, so that compiled loops can be kept
-on disk; models and data are passed by their addresses.
+Numba resolves the symbol by name in the library of the mujoco wheel, so that compiled loops can be cached on disk.
+Models and data are passed by address.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from moflock_mj.errors import FlightError
 
 
 def _library() -> str:
-    """Path of the shared library that the mujoco package itself has loaded."""
+    """Path of the shared library that the mujoco package has loaded."""
     folder = Path(mujoco.__file__).parent
     names = ("libmujoco.so*", "libmujoco.*.dylib", "mujoco.dll")
     found = sorted(path for name in names for path in folder.glob(name))
@@ -32,6 +32,6 @@ def _library() -> str:
 llvmlite.binding.load_library_permanently(_library())
 
 mj_step = cast("Callable[[int, int], None]", types.ExternalFunction("mj_step", types.void(types.intp, types.intp)))
-"""`mj_step(model_address, data_address)`; inside kernels only. The addresses are `MjModel._address` and
-`MjData._address`; whoever passes them keeps both objects alive.
+"""`mj_step(model_address, data_address)`, callable in kernels only. The addresses are `MjModel._address` and
+`MjData._address`; the caller keeps both objects alive.
 """

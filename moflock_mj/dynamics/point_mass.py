@@ -1,6 +1,6 @@
 """Point-mass dynamics: RobotSim's robot model, a first-order velocity response with bounded acceleration and noise.
 
-Where the wind is on, its force takes the place of the noise.
+With wind, the drag in moving air replaces the noise.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from moflock_mj.world.state import TrueState
 
 
 class PointMass(NamedTuple):
-    """Figures of the scenario that a point mass obeys.
+    """Point masses without wind.
 
     Attributes:
-        step: s.
-        tau: s, time constant of the velocity.
-        a_max: m/s^2, bound of the acceleration, before noise.
-        sigma_outer: m^2/s^3, strength of the outer noise.
+        step: integration step, s.
+        tau: time constant of the velocity, s.
+        a_max: largest acceleration before noise, m/s^2.
+        sigma_outer: strength of the velocity disturbance, m^2/s^3.
     """
 
     step: float
@@ -39,17 +39,17 @@ class PointMass(NamedTuple):
 
 
 class WindyPointMass(NamedTuple):
-    """A point mass in moving air: the airframe's drag pushes it, and an observer as that of rigid bodies counters it.
+    """Point masses in wind, with the airframe's drag and the disturbance observer of rigid bodies.
 
     Attributes:
-        step: s.
-        tau: s, time constant of the velocity.
-        a_max: m/s^2, bound of the acceleration that answers a velocity.
-        wind: the air, see `moflock_mj.effects.wind`.
-        body_drag: 1/m, acceleration over airspeed squared.
-        rotor_drag: 1/s, acceleration over airspeed.
-        observer_bandwidth: rad/s.
-        wind_max: m/s^2, bound of the disturbance that the observer counters along each axis.
+        step: integration step, s.
+        tau: time constant of the velocity, s.
+        a_max: largest acceleration in response to a velocity error, m/s^2.
+        wind: the wind, see `moflock_mj.effects.wind`.
+        body_drag: acceleration divided by squared airspeed, 1/m.
+        rotor_drag: acceleration divided by airspeed, 1/s.
+        observer_bandwidth: bandwidth of the observer, rad/s.
+        wind_max: largest estimated disturbance along each axis, m/s^2.
         observer: (4, N), predicted velocity (m/s), then disturbance (m/s^2), x and y.
     """
 
@@ -65,16 +65,16 @@ class WindyPointMass(NamedTuple):
 
 
 class LatePointMass(NamedTuple):
-    """Point masses that answer late: what they do about a velocity is what was called for some time ago.
+    """Point masses with a delay between velocity error and acceleration.
 
-    The delay is inside the velocity's loop, as that of a tilting body is, so that noise is answered late as well.
+    The delay is inside the velocity loop, as that of a tilting body, and also delays the response to noise.
 
     Attributes:
-        response: what moves them, a PointMass or a WindyPointMass.
-        late: share of a step by which the delay exceeds a whole number of them.
-        past: (B, 2, N), m/s, commanded less measured velocity in the latest steps, as a ring.
-        command: (2, N), m/s, from which the response makes the late answer.
-        steps: (1,), made.
+        response: dynamics without delay, a PointMass or a WindyPointMass.
+        late: fraction of a step by which the delay exceeds a whole number of steps.
+        past: (B, 2, N), ring buffer of the velocity errors (commanded less measured) of the latest steps, m/s.
+        command: (2, N), command to the response that produces the delayed acceleration, m/s.
+        steps: (1,), number of steps.
     """
 
     response: NamedTuple
@@ -87,24 +87,24 @@ class LatePointMass(NamedTuple):
 def make_point_masses(
     scenario: Scenario, step: float, world: TrueState, wind: Wind | Off
 ) -> PointMass | WindyPointMass | LatePointMass:
-    """The point masses of a scenario, where `world` has them at the start.
+    """Create the point masses of a scenario.
 
     Args:
-        scenario: what is flown.
-        step: s.
-        world: the start.
-        wind: the air, see `moflock_mj.effects.wind`.
+        scenario: the scenario.
+        step: integration step, s.
+        world: the initial state.
+        wind: the wind, or Off, see `moflock_mj.effects.wind`.
 
     Raises:
         AirframeError: with wind on, the airframe is unknown.
         ScenarioError: the wind is too much for the airframe.
     """
-    asked = scenario.point_mass or PointMassConfig(tau=scenario.tau, a_max=scenario.a_max)
-    response = _make_response(scenario, asked, step, world, wind)
-    if asked.delay == 0:
+    given = scenario.point_mass or PointMassConfig(tau=scenario.tau, a_max=scenario.a_max)
+    response = _make_response(scenario, given, step, world, wind)
+    if given.delay == 0:
         return response
-    # An answer is held for a step, and so is late by half of one already.
-    whole, late = divmod(max(asked.delay / step - 0.5, 0.0), 1.0)
+    # The acceleration is constant over a step, which already is a delay of half a step.
+    whole, late = divmod(max(given.delay / step - 0.5, 0.0), 1.0)
     return LatePointMass(
         response=response,
         late=late,
@@ -115,13 +115,13 @@ def make_point_masses(
 
 
 def _make_response(
-    scenario: Scenario, asked: PointMassConfig, step: float, world: TrueState, wind: Wind | Off
+    scenario: Scenario, given: PointMassConfig, step: float, world: TrueState, wind: Wind | Off
 ) -> PointMass | WindyPointMass:
     if isinstance(wind, Off):
-        return PointMass(step, asked.tau, asked.a_max, scenario.sigma_outer)
+        return PointMass(step, given.tau, given.a_max, scenario.sigma_outer)
     from moflock_mj.dynamics.airframe_models import load_airframe  # noqa: PLC0415
     from moflock_mj.effects.battery import make_battery  # noqa: PLC0415
-    from moflock_mj.effects.drag import air_drag, wind_push  # noqa: PLC0415 - in calm air point masses fly without MuJoCo
+    from moflock_mj.effects.drag import air_drag, wind_push  # noqa: PLC0415 - without wind, point masses do not need MuJoCo
     from moflock_mj.effects.feasibility import check_feasible  # noqa: PLC0415
 
     airframe = load_airframe(scenario.airframe)
@@ -132,8 +132,8 @@ def _make_response(
     observer[2:] = wind_push(drag, wind.speed, airframe.mass) * wind.along[:, None]  # see `RigidBodyModel`
     return WindyPointMass(
         step=step,
-        tau=asked.tau,
-        a_max=asked.a_max,
+        tau=given.tau,
+        a_max=given.a_max,
         wind=wind,
         body_drag=drag.body / airframe.mass,
         rotor_drag=drag.rotors / airframe.mass,
@@ -152,8 +152,8 @@ def advance_point_masses(
     noise: Noise,
     steps: int,
 ) -> None:
-    """Euler-Maruyama steps of v' = clip((v_desired - v_measured) / tau, a_max) + outer noise, x' = v."""
-    step, kick = dynamics.step, sqrt(2 * dynamics.sigma_outer * dynamics.step)
+    """Euler-Maruyama steps of v' = clip((v_desired - v_measured) / tau, a_max) + noise, x' = v."""
+    step, noise_scale = dynamics.step, sqrt(2 * dynamics.sigma_outer * dynamics.step)
     x, y, _ = world.position
     vx, vy, _ = world.velocity
     for k in range(steps):
@@ -164,8 +164,8 @@ def advance_point_masses(
             gain = step * dynamics.a_max / max(sqrt(ax * ax + ay * ay), dynamics.a_max)
             x[i] += step * vx[i]
             y[i] += step * vy[i]
-            vx[i] += gain * ax + kick * noise_x[i]
-            vy[i] += gain * ay + kick * noise_y[i]
+            vx[i] += gain * ax + noise_scale * noise_x[i]
+            vy[i] += gain * ay + noise_scale * noise_y[i]
 
 
 @implements(advance, WindyPointMass)
@@ -184,7 +184,7 @@ def advance_in_wind(
     for _ in range(steps):
         for i in range(position.shape[1]):
             measured = (velocity[0, i] + velocity_error[0, i], velocity[1, i] + velocity_error[1, i])
-            wanted = clip_length(
+            feedback = clip_length(
                 (desired[0, i] - measured[0]) / dynamics.tau,
                 (desired[1, i] - measured[1]) / dynamics.tau,
                 dynamics.a_max,
@@ -192,21 +192,21 @@ def advance_in_wind(
             air = air_velocity(dynamics.wind, i)
             wind_x, wind_y = air[0] - velocity[0, i], air[1] - velocity[1, i]
             drag = dynamics.body_drag * sqrt(wind_x * wind_x + wind_y * wind_y) + dynamics.rotor_drag
-            pushed = (drag * wind_x, drag * wind_y)
+            drag_acceleration = (drag * wind_x, drag * wind_y)
             for axis in range(2):
-                push = wanted[axis] - observer[2 + axis, i]
+                commanded = feedback[axis] - observer[2 + axis, i]
                 observer[axis, i], observer[2 + axis, i] = observe_axis(
                     observer[axis, i],
                     observer[2 + axis, i],
                     measured[axis],
-                    push,
+                    commanded,
                     gain,
                     disturbance_gain,
                     dynamics.wind_max,
                     step,
                 )
                 position[axis, i] += step * velocity[axis, i]
-                velocity[axis, i] += step * (push + pushed[axis])
+                velocity[axis, i] += step * (commanded + drag_acceleration[axis])
 
 
 @implements(advance, LatePointMass)
@@ -218,16 +218,18 @@ def advance_late(
     noise: Noise,
     steps: int,
 ) -> None:
-    """The response's own steps, each with the command that leads to the late answer."""
-    past, kept, share = dynamics.past, dynamics.past.shape[0], dynamics.late
+    """Steps of the response, each with the command that produces the delayed acceleration."""
+    past, length, fraction = dynamics.past, dynamics.past.shape[0], dynamics.late
     for k in range(steps):
         now = dynamics.steps[0]
-        newer, older = (now - kept + 2) % kept, (now - kept + 1) % kept
+        newer, older = (now - length + 2) % length, (now - length + 1) % length
         for axis in range(2):
             for i in range(desired.shape[1]):
                 measured = world.velocity[axis, i] + velocity_error[axis, i]
-                past[now % kept, axis, i] = desired[axis, i] - measured
-                dynamics.command[axis, i] = (1 - share) * past[newer, axis, i] + share * past[older, axis, i] + measured
+                past[now % length, axis, i] = desired[axis, i] - measured
+                dynamics.command[axis, i] = (
+                    (1 - fraction) * past[newer, axis, i] + fraction * past[older, axis, i] + measured
+                )
         of_step = Noise(noise.outer[k : k + 1], noise.gust[: 1 if k == 0 else 0], noise.inertial, noise.walk)
         advance(dynamics.response, world, dynamics.command, velocity_error, of_step, 1)
         dynamics.steps[0] += 1

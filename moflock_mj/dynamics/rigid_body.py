@@ -1,4 +1,4 @@
-"""Rigid-body dynamics: the controllers' rotor thrusts push MuJoCo bodies."""
+"""Rigid-body dynamics: MuJoCo bodies under the thrusts of their controllers."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ def steer(
     error: NDArray[np.float64],
     i: int,
 ) -> None:
-    """Command the rotors of body i for one step.
+    """Command the rotors of body i for one step; without a controller the caller's thrust commands remain.
 
     Args:
-        controller: Gains, or Off where others have written `dynamics.state.thrust_command`.
+        controller: gains, or Off if the caller writes `dynamics.state.thrust_command`.
         dynamics: the dynamics.
-        desired: (2, N), m/s, world.
-        qpos: (N, 7), as the pilot believes it.
-        qvel: (N, 6), as the pilot believes it.
-        error: (2, N), m/s, of the horizontal velocity on top.
-        i: the body.
+        desired: (2, N), desired velocity, m/s, world.
+        qpos: (N, 7), position and attitude for the controller.
+        qvel: (N, 6), velocities for the controller.
+        error: (2, N), additional error of the horizontal velocity, m/s.
+        i: number of the body.
     """
 
 
 @implements(steer, Gains)
-def _fly(
+def _track_velocity(
     controller: Gains,
     dynamics: RigidBody,
     desired: NDArray[np.float64],
@@ -94,7 +94,7 @@ def advance_rigid_bodies(
     noise: Noise,
     steps: int,
 ) -> None:
-    """Controllers, rotors and MuJoCo, step by step; air and battery change once in a beat."""
+    """Run controllers, rotors and MuJoCo step by step; wind and battery change once per interval."""
     drones = dynamics.state.qpos.shape[0]
     blow(dynamics.effects.wind, world.velocity, noise.gust)
     write_downwash(dynamics.effects.downwash, dynamics.state.qpos)
@@ -108,7 +108,7 @@ def advance_rigid_bodies(
         for i in range(drones):
             steer(dynamics.controller, dynamics, desired, qpos, qvel, error, i)
         _stop_rotors(dynamics)
-        # A loop of its own: the two together compile to slower code.
+        # A single loop with the one above compiles to slower code.
         for i in range(drones):
             _update_statistics(dynamics, i)
             _apply_rotor_wrench(dynamics, noise.outer, k, i)
@@ -151,20 +151,20 @@ def write_rigid_bodies(
 
 
 class RigidBodyModel:
-    """A flock's MuJoCo model and data, and the plant that the compiled loop flies.
+    """MuJoCo model and data of a flock, and its dynamics for the compiled loop.
 
     Args:
-        scenario: what is flown.
+        scenario: the scenario.
         step: integration step, s.
-        interval: integration steps of a beat.
-        world: where the drones start, level, with their rotors at hover.
-        wind: the air, see `moflock_mj.effects.wind`.
-        faults: what breaks, see `moflock_mj.effects.fault_injection`.
-        controlled: whether our controllers fly the bodies; else whoever writes their thrust commands.
+        interval: integration steps per control interval.
+        world: initial state, with level drones and their rotors at hover.
+        wind: the wind, or Off, see `moflock_mj.effects.wind`.
+        faults: the fault schedule, or Off, see `moflock_mj.effects.fault_injection`.
+        controlled: True to run the controllers; otherwise the caller writes the thrust commands.
 
     Raises:
         AirframeError: the airframe is unknown, or too weak for the scenario.
-        ScenarioError: the air is too much for the airframe.
+        ScenarioError: the airframe is too weak for the wind.
     """
 
     def __init__(
@@ -245,15 +245,15 @@ class RigidBodyModel:
         self.dynamics.state.qvel[:, :3] = world.velocity.T
         self.dynamics.state.observer[:, :3] = world.velocity.T
         if isinstance(wind, Wind) and isinstance(effects.drag, Drag):
-            # The mean wind has been held before the flight starts; the observers need not find it first.
+            # Start with converged observers: the drones held their positions against the mean wind before the flight.
             self.dynamics.state.observer[:, 3:5] = wind_push(effects.drag, wind.speed, airframe.mass) * wind.along
 
     def mujoco_state(self) -> NDArray[np.float64]:
-        """A copy of MuJoCo's own state, from which `load_mujoco` goes on bit by bit."""
+        """Copy of MuJoCo's integration state, from which `load_mujoco` continues bit-identically."""
         state = np.empty(mujoco.mj_stateSize(self.model, _MUJOCO_STATE))
         mujoco.mj_getState(self.model, self.data, state, _MUJOCO_STATE)
         return state
 
     def load_mujoco(self, state: NDArray[np.float64]) -> None:
-        """Put MuJoCo's data into a state that `mujoco_state` gave."""
+        """Restore a state from `mujoco_state`."""
         mujoco.mj_setState(self.model, self.data, state, _MUJOCO_STATE)

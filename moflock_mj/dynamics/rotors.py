@@ -1,4 +1,4 @@
-"""The rotor model: thrust with its lag, the wrench on the body, energy, and rotors that have stopped."""
+"""Rotor model: thrust with lag, wrench on the body, energy, and stopped rotors."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from moflock_mj.effects.rotor_power import rotor_power
 def delivered_wrench(
     faults: NamedTuple, gains: Gains, thrust: NDArray[np.float64], i: int
 ) -> tuple[float, float, float, float]:
-    """What the rotors of drone i do to it, as `rotor_wrench`, by thrusts (N, 4), N."""
+    """Wrench of the rotors of drone i from thrusts (N, 4), N; without faults that of `rotor_wrench`."""
     return rotor_wrench(gains, thrust[i])
 
 
 @implements(delivered_wrench, FaultSchedule)
-def _weak_wrench(
+def _faulty_wrench(
     faults: FaultSchedule, gains: Gains, thrust: NDArray[np.float64], i: int
 ) -> tuple[float, float, float, float]:
     for rotor in range(ROTORS):
@@ -38,11 +38,11 @@ def _weak_wrench(
 
 @hot_kernel
 def _apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
-    """Apply the rotors' wrench, the outer noise and the downwash to body i; then let the rotors follow their commands.
+    """Apply rotor wrench, velocity disturbance and downwash to body i; then advance the rotor lag.
 
-    As in MuJoCo's own `filterexact` actuators, the thrust of a step is the one before this step's lag.
-    `dynamics.state.thrust` is what the controller assumes; battery, ground and faults change it, which its observer
-    takes for a disturbance.
+    As in MuJoCo's `filterexact` actuators, the thrust of a step is the one before this step's lag.
+    `dynamics.state.thrust` is the thrust that the controller assumes. Changes of it by battery, ground and faults act
+    as a disturbance on the controller's observer.
     """
     gains, qpos, force, thrust = (
         dynamics.model.gains,
@@ -65,7 +65,7 @@ def _apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int,
 
 @kernel
 def _draw_power(dynamics: RigidBody, duration: float) -> None:
-    """Count the energy that the rotors take in a beat, at their power now."""
+    """Add the energy of an interval at the present power of the rotors."""
     thrust, statistics = dynamics.state.thrust, dynamics.statistics
     for i in range(thrust.shape[0]):
         lift = battery_lift(dynamics.effects.battery, i)
@@ -76,7 +76,7 @@ def _draw_power(dynamics: RigidBody, duration: float) -> None:
 
 @kernel
 def _stop_rotors(dynamics: RigidBody) -> None:
-    """Command nothing of the rotors that stand still."""
+    """Set the commands of stopped rotors to zero."""
     for i in range(dynamics.state.stopped.shape[0]):
         for rotor in range(ROTORS):
             if dynamics.state.stopped[i, rotor]:
@@ -85,7 +85,7 @@ def _stop_rotors(dynamics: RigidBody) -> None:
 
 @hot_kernel
 def _update_statistics(dynamics: RigidBody, i: int) -> None:
-    """Count what the step before asks of body i."""
+    """Update the statistics of body i by the previous step."""
     statistics, gains = dynamics.statistics, dynamics.model.gains
     qx, qy = dynamics.state.qpos[i, 4], dynamics.state.qpos[i, 5]
     statistics.upright[i] = min(statistics.upright[i], 1 - 2 * (qx * qx + qy * qy))

@@ -1,1 +1,1 @@
-"""What air, wear and failure do to a drone: one effect a file."""
+"""Physical effects on drones: air, battery and faults, one module each."""

@@ -1,4 +1,4 @@
-"""The battery: power that the rotors draw, voltage that it leaves, thrust that the voltage allows."""
+"""Battery: voltage under the power of the rotors, and thrust at that voltage."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class Battery(NamedTuple):
-    """The batteries of all drones.
+    """Batteries of N drones.
 
     Attributes:
-        cells: in series.
-        capacity: C, charge of a full battery.
-        resistance: ohm, of the whole battery.
-        charge: (N,), C, that is left.
-        voltage: (N,), V, under load.
-        lift: (N,), thrust over that with a full battery under no load.
+        cells: number of cells in series.
+        capacity: charge of a full battery, C.
+        resistance: internal resistance of the whole battery, ohm.
+        charge: (N,), remaining charge, C.
+        voltage: (N,), voltage under load, V.
+        lift: (N,), thrust relative to that with a full battery without load.
     """
 
     cells: float
@@ -35,7 +35,7 @@ class Battery(NamedTuple):
 
 
 def make_battery(scenario: Scenario, airframe: Airframe) -> Battery | Off:
-    """The batteries of a scenario, before the rotors draw from them."""
+    """Create the batteries of a scenario, under the load of hover."""
     battery, drones = scenario.battery, scenario.drones
     if battery is None:
         return Off()
@@ -55,31 +55,31 @@ def make_battery(scenario: Scenario, airframe: Airframe) -> Battery | Off:
 
 @kernel
 def open_circuit_voltage(charge: float) -> float:
-    """Voltage of a lithium polymer cell under no load, V.
+    """Voltage of a lithium polymer cell without load, V.
 
     M. Chen, G. A. Rincon-Mora: Accurate Electrical Battery Model Capable of Predicting Runtime and I-V Performance,
     IEEE Transactions on Energy Conversion 21(2), 2006, equation 2.
 
     Args:
-        charge: share of the capacity that is left.
+        charge: remaining charge as a fraction of the capacity.
     """
     return -1.031 * exp(-35 * charge) + 3.685 + charge * (0.2156 + charge * (-0.1178 + charge * 0.3201))
 
 
 @stage
 def drain(battery: NamedTuple, power: NDArray[np.float64], duration: float) -> None:
-    """Draw power from the batteries for a while.
+    """Draw power from the batteries; no effect without a battery model.
 
     Args:
-        battery: changes.
-        power: (N,), W.
-        duration: s.
+        battery: the batteries; updated.
+        power: (N,), electrical power of each drone, W.
+        duration: duration of the load, s.
     """
 
 
 @hot_stage
 def battery_lift(battery: NamedTuple, i: int) -> float:
-    """Thrust of drone i's rotors over that with a full battery under no load."""
+    """Thrust of drone i relative to that with a full battery without load; 1 without a battery model."""
     return 1.0
 
 
@@ -90,20 +90,20 @@ def _lift(battery: Battery, i: int) -> float:
 
 @kernel
 def load_cells(battery: Battery, power: NDArray[np.float64], duration: float) -> None:
-    """Draw power (N,), W, for a duration, s; then tell voltage and lift under that load.
+    """Draw power (N,), W, for a duration, s, and update voltage and lift under that load.
 
-    The current I at which the terminals give the power, V I with V = V_open - R I, is the smaller root of a quadratic
-    equation; more power than V_open^2 / 4R is not to be had. Rotor speed goes with voltage and thrust with its square.
-    An empty battery gives nothing.
+    The current I follows from the power V I with V = V_open - R I, as the smaller root of a quadratic equation. The
+    largest power is V_open^2 / 4R. Rotor speed is proportional to voltage, and thrust to its square. An empty battery
+    supplies no voltage.
     """
     full = battery.cells * open_circuit_voltage(1.0)
     for i in range(power.size):
-        share = battery.charge[i] / battery.capacity
-        if share <= 0:
+        state_of_charge = battery.charge[i] / battery.capacity
+        if state_of_charge <= 0:
             battery.voltage[i] = 0.0
             battery.lift[i] = 0.0
             continue
-        open_circuit = battery.cells * open_circuit_voltage(share)
+        open_circuit = battery.cells * open_circuit_voltage(state_of_charge)
         root = sqrt(max(open_circuit * open_circuit - 4 * battery.resistance * power[i], 0.0))
         voltage = (open_circuit + root) / 2
         battery.charge[i] = max(battery.charge[i] - power[i] / voltage * duration, 0.0)

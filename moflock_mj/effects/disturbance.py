@@ -1,6 +1,6 @@
-"""Outer noise: white noise on rigid bodies that gives them the velocity increments of RobotSim's point masses.
+"""Velocity disturbance: white-noise force on rigid bodies, with the velocity increments of RobotSim's point masses.
 
-Wind takes its place.
+It is RobotSim's outer noise. Wind replaces it.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class VelocityDisturbance(NamedTuple):
-    """White noise on the bodies.
+    """White-noise force on the bodies.
 
     Attributes:
-        force: N, its deviation in one step.
+        force: standard deviation of the force in one step, N.
     """
 
     force: float
 
 
 def make_disturbance(scenario: Scenario, airframe: Airframe, step: float) -> VelocityDisturbance | Off:
-    """The outer noise of a scenario, for steps of `step`, s."""
+    """Create the velocity disturbance of a scenario, for steps of `step`, s."""
     if scenario.wind is not None:
         return Off()
     return VelocityDisturbance(airframe.mass * sqrt(2 * scenario.sigma_outer / step))
@@ -35,13 +35,13 @@ def make_disturbance(scenario: Scenario, airframe: Airframe, step: float) -> Vel
 
 @hot_stage
 def draw_force(outer: NamedTuple, noise: NDArray[np.float64], k: int, i: int) -> tuple[float, float]:
-    """Force of the outer noise on body i in step k, N, x and y."""
+    """Disturbance force on body i in step k, N, x and y; zero if off."""
     return 0.0, 0.0
 
 
 @hot_stage
 def outer_force(outer: NamedTuple) -> float:
-    """Deviation of the outer noise's force, N."""
+    """Standard deviation of the disturbance force, N; zero if off."""
     return 0.0
 
 

@@ -1,4 +1,4 @@
-"""Downwash: the jet below each drone, and its force on the drones that it reaches."""
+"""Downwash: jet below each drone, and its force on drones in the jet."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from moflock_mj.world.constants import AIR_DENSITY
 
 
 class Downwash(NamedTuple):
-    """The jet of air below each drone.
+    """Jets below the drones and their forces.
 
     Attributes:
-        drag: kg/m, of a drone's rotor discs: force over air speed squared.
-        thrust: N, of all rotors of a drone in hover.
-        fastest: m/s, of a jet that has not yet slowed down.
-        force: (N,), N, downwards, on each drone.
+        drag: drag of a drone's rotor discs, force divided by squared air speed, kg/m.
+        thrust: thrust of all rotors of a drone in hover, N.
+        fastest: largest speed of a jet, m/s.
+        force: (N,), downward force on each drone, N.
     """
 
     drag: float
@@ -31,7 +31,7 @@ class Downwash(NamedTuple):
 
 
 def make_downwash(scenario: Scenario, airframe: Airframe) -> Downwash | Off:
-    """The downwash of a scenario."""
+    """Create the downwash of a scenario."""
     if scenario.downwash is None:
         return Off()
     discs, thrust = ROTORS * pi * airframe.rotor_radius**2, ROTORS * airframe.hover_thrust()
@@ -45,53 +45,53 @@ def make_downwash(scenario: Scenario, airframe: Airframe) -> Downwash | Off:
 
 @stage
 def write_downwash(downwash: NamedTuple, qpos: NDArray[np.float64]) -> None:
-    """Find the force of each drone's jet on those below it.
+    """Update the force of each drone's jet on the drones below it; no effect without downwash.
 
-    The jet of a hovering drone is a round turbulent one that carries the momentum of its thrust T: on its axis the air
-    moves down at U = B 2 sqrt(T / (pi rho)) / z at a distance z, no faster than the slipstream of momentum theory, and
-    beside it at U / (1 + a (r/z)^2)^2 with a = (sqrt(2) - 1) / S^2; B = 5.8, S = 0.094 (Hussein, Capp, George 1994,
-    in S. B. Pope: Turbulent Flows, 2000, section 5.1). That quadrotors blow such jets from some 2.5 of their lengths
-    down is measured by Bauersfeld et al. (Robotics meets Fluid Dynamics, IEEE RA-L, 2025). A drone in a jet is pushed
-    down by the drag of its rotor discs. Jets add by their momentum. They blow straight down, whatever wind and tilt.
+    The jet of a hovering drone is a round turbulent jet with the momentum of its thrust T. The air speed on its axis at
+    a distance z is U = B 2 sqrt(T / (pi rho)) / z, at most that of the slipstream in momentum theory. At a radius r it
+    is U / (1 + a (r/z)^2)^2 with a = (sqrt(2) - 1) / S^2; B = 5.8, S = 0.094 (Hussein, Capp, George 1994, in
+    S. B. Pope: Turbulent Flows, 2000, section 5.1). Measurements confirm such a jet from about 2.5 vehicle lengths
+    below a quadrotor (Bauersfeld et al.: Robotics meets Fluid Dynamics, IEEE RA-L, 2025). The force on a drone in a jet
+    is the drag of its rotor discs. The forces of several jets add. Jets point straight down, regardless of wind and
+    tilt.
 
     Args:
-        downwash: figures of the vehicle; the forces in it are written.
-        qpos: (N, 7), the first three m, world.
+        downwash: figures of the vehicle; its forces are written.
+        qpos: (N, 7), the first three are the position, m, world.
     """
 
 
 @hot_stage
 def downwash_at(downwash: NamedTuple, i: int) -> float:
-    """Force of the jets on drone i, N, downwards."""
+    """Downward force of the jets on drone i, N; zero without downwash."""
     return 0.0
 
 
 JET_DECAY = 5.8
-
+"""B of the jet, see `write_downwash`."""
 
 JET_SPREAD = 0.094
-
+"""S of the jet, see `write_downwash`."""
 
 _JET_PROFILE = (sqrt(2.0) - 1) / JET_SPREAD**2
 
-
 _JET_EDGE = 0.5
-"""Of r / z. Farther out the air moves at less than a hundredth of the axis's speed, and the force is left out."""
+"""Largest r / z with a force. Beyond it the air speed is below 1 % of that on the axis."""
 
 
 @implements(downwash_at, Downwash)
-def _washed(downwash: Downwash, i: int) -> float:
+def _downwash_at(downwash: Downwash, i: int) -> float:
     return float(downwash.force[i])
 
 
 @kernel
 def jet_speed(downwash: Downwash, below: float, beside_sq: float) -> float:
-    """Speed of the air in a jet, m/s, downwards.
+    """Downward air speed in a jet, m/s.
 
     Args:
         downwash: figures of the vehicle.
-        below: m, how far under the drone; above 0.
-        beside_sq: m^2, square of the distance from the jet's axis.
+        below: vertical distance below the drone, m, over 0.
+        beside_sq: squared distance from the axis of the jet, m^2.
     """
     axis = min(JET_DECAY * 2 * sqrt(downwash.thrust / (pi * AIR_DENSITY)) / below, downwash.fastest)
     profile = 1 + _JET_PROFILE * beside_sq / (below * below)
@@ -99,7 +99,7 @@ def jet_speed(downwash: Downwash, below: float, beside_sq: float) -> float:
 
 
 @implements(write_downwash, Downwash)
-def _wash_those_below(downwash: Downwash, qpos: NDArray[np.float64]) -> None:
+def _write_downwash(downwash: Downwash, qpos: NDArray[np.float64]) -> None:
     drones = qpos.shape[0]
     downwash.force[:] = 0
     for i in range(drones):

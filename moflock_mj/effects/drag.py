@@ -1,4 +1,4 @@
-"""Forces of the air on bodies: drag of body and rotors, the jet below each drone, the ground."""
+"""Aerodynamic drag of body and rotors."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Drag(NamedTuple):
     """Drag of one body and its rotors.
 
     Attributes:
-        body: kg/m, force over airspeed squared.
-        rotors: kg/s, force over airspeed along the rotor plane, in hover.
-        weight: N.
+        body: force divided by squared airspeed, kg/m.
+        rotors: force divided by airspeed along the rotor plane, in hover, kg/s.
+        weight: weight of the vehicle, N.
     """
 
     body: float
@@ -31,14 +31,14 @@ class Drag(NamedTuple):
 
 
 def make_drag(scenario: Scenario, airframe: Airframe) -> Drag | Off:
-    """The drag of a scenario: that of its section, and in wind at least that of an empty one."""
+    """Create the drag of a scenario; wind without a drag section uses the airframe's own drag."""
     if scenario.drag is None and scenario.wind is None:
         return Off()
     return air_drag(scenario, airframe)
 
 
 def air_drag(scenario: Scenario, airframe: Airframe) -> Drag:
-    """Drag as a scenario's section tells it, or that of an empty one."""
+    """Create the drag from a scenario's section, with the airframe's own values for absent fields."""
     drag = scenario.drag or effect_configs.DragConfig()
     area = airframe.drag_area if drag.area is None else drag.area
     rotor = airframe.rotor_drag if drag.rotor is None else drag.rotor
@@ -46,7 +46,7 @@ def air_drag(scenario: Scenario, airframe: Airframe) -> Drag:
 
 
 def wind_push(drag: Drag, speed: float, mass: float) -> float:
-    """Acceleration with which air of a speed (m/s) pushes a level body in hover, m/s^2."""
+    """Acceleration of a level body in hover by air of a given speed (m/s), m/s^2."""
     return (drag.body * speed + drag.rotors) * speed / mass
 
 
@@ -59,20 +59,20 @@ def add_drag(
     thrust: NDArray[np.float64],
     force: NDArray[np.float64],
 ) -> None:
-    """Add the drag of body and rotors to the forces on all bodies.
+    """Add the drag of body and rotors to the forces on all bodies; no force without drag.
 
-    The body's is quadratic in the air-relative velocity v: -rho/2 A |v| v, the same in all directions. The rotors' is
-    linear: -c w v_p with v_p the part of v in the rotor plane and w the sum of rotor speeds (P. Martin, E. Salaun: The
-    True Role of Accelerometer Feedback in Quadrotor Control, ICRA 2010). With equal rotors w goes with the root of the
-    thrust, so that it is told by its value in hover.
+    The drag of the body is quadratic in the air-relative velocity v: -rho/2 A |v| v, independent of direction. The drag
+    of the rotors is linear: -c w v_p with v_p the component of v in the rotor plane and w the sum of rotor speeds
+    (P. Martin, E. Salaun: The True Role of Accelerometer Feedback in Quadrotor Control, ICRA 2010). With equal rotors w
+    is proportional to the square root of the thrust, so that its value in hover defines the drag.
 
     Args:
         drag: figures of the vehicle.
-        wind: the air.
+        wind: the wind, or Off.
         qpos: (N, 7), position (m, world) and quaternion w x y z.
         qvel: (N, 6), velocity (m/s, world) and body rates.
-        thrust: (N, 4), N, of the rotors.
-        force: (N, 6), the first three N, world; added to.
+        thrust: (N, 4), thrust of each rotor, N.
+        force: (N, 6), generalised forces, the first three N, world; increased.
     """
 
 

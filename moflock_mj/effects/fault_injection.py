@@ -1,23 +1,23 @@
-"""What faults do to a flight: a schedule in whole beats, and the stages at which the loop follows it.
+"""Fault injection: schedule of a scenario's faults, and the stages that apply them in the flight loop.
 
-- rotor_failure: the rotor gives a share of the thrust that it is commanded, at the full speed and power of that thrust,
-  as with a broken blade: battery and rotor drag do not change. The controllers do not know.
-- gps_loss: the drone stops and holds. It goes on by inertial sensors: the error of its velocity stays that of the
-  last fix, and that of its position grows by it. It tells what it believes, so that others keep off.
-- gps_jump: the position that it reads and tells is off. Its velocity, by Doppler shift, is not.
-- cannot_receive: the drone hears nobody.
-- link_loss: packets to or from it get lost at random, on top of other losses.
-- cannot_transmit: it sends nothing. Packets that are in the air still arrive.
-- power_off: rotors stand still, and it sends nothing. A point mass falls on a parabola to the ground, and stays.
+- rotor_failure: the rotor gives a fraction of its commanded thrust, at the speed and power of the full thrust, as with
+  a broken blade. Battery and rotor drag do not change, and the controllers are not informed.
+- gps_loss: the drone stops and holds, on inertial sensors. The error of its velocity stays that of the last fix, and
+  the error of its position is the integral. It continues to send its estimated position, so that others avoid it.
+- gps_jump: the measured and sent position has an offset. The velocity, measured by Doppler shift, has none.
+- cannot_receive: the drone receives no packets.
+- link_loss: packets to or from the drone are lost at random, in addition to other losses.
+- cannot_transmit: the drone sends no packets. Packets sent before still arrive.
+- power_off: the rotors stop, and the drone sends no packets. A point mass falls on a parabola to the ground.
 
-Where a fault keeps a packet back, the last one counts for `KEPT` s more, its position carried on by its velocity; after
-that the drone is no neighbour. Nor is one a neighbour that tells of a height `FALLEN` m below the hearer's, so that a
-falling drone draws nobody along. One that hears nobody any more though two or more were there stops and holds until it
-hears again: it takes its own radio for broken. Who never heard anybody flies on by self-propulsion and walls. A flight
-without faults has none of this, as in the paper.
+If a fault blocks a packet, the last one received remains valid for `KEPT` s, with its position extrapolated by its
+velocity. After that, the drone is no neighbour. A drone reported more than `FALLEN` m below the receiver is not a
+neighbour either, so that a falling drone does not pull others down. A drone that loses all of two or more neighbours
+assumes that its own radio has failed: it stops and holds until it receives packets again. A drone that never had a
+neighbour flies by self-propulsion and walls. A flight without faults has none of these rules, as in the paper.
 
-A fault acts in the beats that begin at `at` or later and before `at + duration`; on sensing and policy, from the next
-tick on.
+A fault is active in the control intervals that begin at `at` or later and before `at + duration`. It affects sensing
+and policy from the next fix.
 """
 
 from __future__ import annotations
@@ -38,32 +38,29 @@ from moflock_mj.world.constants import GRAVITY
 from moflock_mj.world.state import TrueState
 
 KEPT = 1.0
-"""s for which the last packet of a drone counts when the next ones do not come."""
-
+"""Time for which the last packet of a drone remains valid, s."""
 
 FALLEN = 5.0
-"""m below a drone from which on it does not heed another."""
-
+"""Height difference beyond which a lower drone is not a neighbour, m."""
 
 NEVER = 2**62
-"""The beat in which a fault ends that does not."""
-
+"""End interval of a fault that does not end."""
 
 _ROTOR_FAILURE, _GPS_LOSS, _GPS_JUMP, _CANNOT_RECEIVE, _LINK_LOSS, _CANNOT_TRANSMIT, _POWER_OFF = range(len(KINDS))
 
 
 class FaultState(NamedTuple):
-    """What faults carry from tick to tick, of N drones.
+    """State of faults between fixes, for N drones.
 
     Attributes:
-        position_error: (2, 2, N), m, of the GPS at the tick before; see `SensorState`.
-        velocity_error: (2, 2, N), m/s.
-        sent: (H, N), whether a packet was sent at each moment of the ring of the past.
-        height: (H, N), m, that it tells.
-        age: (N, N), ticks since i heard j last: `kept` + 1 for too long ago, `kept` + 2 for never while in range.
-        cut_off: (N,), 1 for a drone that hears nobody any more, and holds.
-        left_position: (3, N), m, where a drone was switched off.
-        left_velocity: (3, N), m/s, then.
+        position_error: (2, 2, N), GPS position error at the previous fix, m; see `SensorState`.
+        velocity_error: (2, 2, N), GPS velocity error at the previous fix, m/s.
+        sent: (H, N), 1 for each stored state that was sent as a packet.
+        height: (H, N), height in the packet, m.
+        age: (N, N), fixes since i last received j: `kept` + 1 if too old, `kept` + 2 if never received while in range.
+        cut_off: (N,), 1 for a drone that has lost all neighbours, and holds.
+        left_position: (3, N), position at power_off, m.
+        left_velocity: (3, N), velocity at power_off, m/s.
     """
 
     position_error: NDArray[np.float64]
@@ -77,27 +74,27 @@ class FaultState(NamedTuple):
 
 
 class FaultSchedule(NamedTuple):
-    """The schedule of F faults, and what follows from it for N drones in the present beat.
+    """Schedule of F faults, and their effect on N drones in the present control interval.
 
     Attributes:
         kind: (F,), numbers in the order of `KINDS`.
-        drone: (F,), -1 for all.
-        first: (F,), the beat in which it begins.
-        end: (F,), the first beat in which it is over.
-        figure: (F, 2), rotor and effectiveness, jump (m), or share of packets.
-        period: s, of a beat.
-        kept: ticks for which a last packet counts.
-        ballistic: whether drones that are switched off fall by `ballistic_fall`, not by their own dynamics.
-        without_fix: (N,), s since an outage began, -1 with GPS.
-        jump: (2, N), m.
-        cannot_receive: (N,), 1 for a drone that hears nobody.
-        cannot_transmit: (N,), 1 for one that sends nothing.
-        loss: (N,), share of its packets that get lost, each way.
-        effectiveness: (N, 4), of the rotors.
-        stopped: (N, 4), 1 for a rotor that stands still.
-        off_intervals: (N,), beats since it was switched off, -1 while it is not.
-        delivered: (N, 4), N, room for the thrust of the rotors.
-        memory: changes in flight, and is not told by the schedule.
+        drone: (F,), number of the affected drone, -1 for all.
+        first: (F,), first interval of the fault.
+        end: (F,), first interval after the fault.
+        figure: (F, 2), rotor and effectiveness, jump (m), or fraction of lost packets.
+        period: control interval, s.
+        kept: fixes for which a last packet remains valid.
+        ballistic: True if drones without power fall by `ballistic_fall` instead of their own dynamics.
+        without_fix: (N,), time since the loss of GPS, s; -1 with GPS.
+        jump: (2, N), offset of the GPS position, m.
+        cannot_receive: (N,), 1 for a drone that receives no packets.
+        cannot_transmit: (N,), 1 for a drone that sends no packets.
+        loss: (N,), fraction of packets lost, in each direction.
+        effectiveness: (N, 4), fraction of the commanded thrust of each rotor.
+        stopped: (N, 4), 1 for a stopped rotor.
+        off_intervals: (N,), intervals since power_off; -1 with power.
+        delivered: (N, 4), buffer for the actual thrust of the rotors, N.
+        memory: state of the faults, which the schedule does not determine.
     """
 
     kind: NDArray[np.int64]
@@ -121,10 +118,10 @@ class FaultSchedule(NamedTuple):
 
 
 def make_fault_schedule(scenario: Scenario, dynamics: str, step: float, schedule: Schedule) -> FaultSchedule | Off:
-    """The faults of a scenario, before the first of them.
+    """Create the fault schedule of a scenario.
 
     Raises:
-        ScenarioError: a rotor of a point mass.
+        ScenarioError: a rotor_failure of a point mass.
     """
     faults, drones, period = scenario.faults, scenario.drones, schedule.steps_per_interval * step
     if not faults:
@@ -167,7 +164,7 @@ def make_fault_schedule(scenario: Scenario, dynamics: str, step: float, schedule
 
 
 def intervals_of(fault: FaultConfig, period: float) -> tuple[int, int]:
-    """The first beat in which a fault acts and the first in which it is over; beats begin each `period` s."""
+    """First interval of a fault and first interval after it, for intervals of `period` s."""
     first = math.ceil(fault.at / period - 1e-6)
     end = NEVER if fault.duration is None else math.ceil((fault.at + fault.duration) / period - 1e-6)
     return first, end
@@ -183,28 +180,39 @@ def _figure(fault: FaultConfig) -> tuple[float, float]:
 
 @stage
 def apply_faults(faults: NamedTuple, world: TrueState, interval: int) -> None:
-    """Let faults begin and end with a beat. world: the true state."""
+    """Update the active faults at the start of an interval; no effect without faults.
+
+    Args:
+        faults: the fault schedule; updated.
+        world: the true state.
+        interval: number of the interval.
+    """
 
 
 @stage
 def hold_without_gps_or_link(faults: NamedTuple, desired: NDArray[np.float64]) -> None:
-    """Let drones without GPS, or cut off, want to stand, desired: (2, N), m/s."""
+    """Command zero velocity to drones without GPS or without a link; no effect without faults.
+
+    Args:
+        faults: the fault schedule.
+        desired: (2, N), desired velocities, m/s, world; changed.
+    """
 
 
 @stage
 def ballistic_fall(faults: NamedTuple, world: TrueState) -> None:
-    """Put point masses that are switched off where they have fallen by the end of the beat."""
+    """Move point masses without power along their fall to the end of the interval; no effect without faults."""
 
 
 @hot_stage
 def has_fix(faults: NamedTuple, i: int) -> bool:
-    """Whether drone i has GPS."""
+    """True if drone i has a GPS fix; always without faults."""
     return True
 
 
 @kernel
 def _apply_fault(faults: FaultSchedule, world: TrueState, f: int, age: int, i: int) -> None:
-    """Let fault f, which began `age` beats ago, act on drone i."""
+    """Apply fault f, which began `age` intervals ago, to drone i."""
     kind, figure = faults.kind[f], faults.figure
     if kind == _ROTOR_FAILURE:
         faults.effectiveness[i, int(figure[f, 0])] *= figure[f, 1]
@@ -243,9 +251,9 @@ def apply_fault_schedule(faults: FaultSchedule, world: TrueState, interval: int)
     for f in range(faults.kind.size):
         if not faults.first[f] <= interval < faults.end[f]:
             continue
-        only, age = faults.drone[f], interval - faults.first[f]
+        affected, age = faults.drone[f], interval - faults.first[f]
         for i in range(faults.cannot_receive.size):
-            if only < 0 or i == only:
+            if affected < 0 or i == affected:
                 _apply_fault(faults, world, f, age, i)
 
 
@@ -258,7 +266,7 @@ def _hold_without_gps_or_link(faults: FaultSchedule, desired: NDArray[np.float64
 
 @implements(ballistic_fall, FaultSchedule)
 def _fall(faults: FaultSchedule, world: TrueState) -> None:
-    """X = x0 + v0 t, z = z0 - g t^2 / 2 until the ground, where it stays."""
+    """Ballistic fall from the position and velocity at power_off: x = x0 + v0 t, z = z0 - g t^2 / 2, to the ground."""
     if not faults.ballistic:
         return
     left, velocity = faults.memory.left_position, faults.memory.left_velocity

@@ -1,4 +1,4 @@
-"""Whether a vehicle is strong enough for the air that a scenario asks for; said before it flies."""
+"""Check before a flight that the vehicle can hold the wind and the speeds of a scenario."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 def check_feasible(scenario: Scenario, airframe: Airframe, drag: NamedTuple, battery: NamedTuple) -> None:
-    """Refuse a wind that the rotors cannot hold, a flock speed that drag forbids, a battery too empty to hover.
+    """Check mean wind and flock speed against the available force, and the battery against hover.
 
-    The vehicle can push against drag with `maximum_horizontal_force`. Gusts come on top, and are not held against it.
+    The available force against drag is `maximum_horizontal_force`. The check ignores gusts.
 
     Args:
-        scenario: its speeds, wind and tilt.
+        scenario: speeds, wind and tilt.
         airframe: the vehicle.
-        drag: as built from the scenario.
-        battery: as built from the scenario.
+        drag: drag of the scenario, or Off.
+        battery: battery of the scenario, or Off.
 
     Raises:
         ScenarioError: one line that names the field, its value and the limit.

@@ -1,4 +1,4 @@
-"""Ground effect: rotors give more thrust close above the ground (Cheeseman and Bennett 1955)."""
+"""Ground effect: additional rotor thrust close to the ground (Cheeseman and Bennett 1955)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class GroundEffect(NamedTuple):
-    """Ground that the rotors feel.
+    """Ground below the rotors.
 
     Attributes:
-        height: m.
-        rotor_radius: m.
+        height: height of the ground, m, world.
+        rotor_radius: radius of one rotor, m.
     """
 
     height: float
@@ -22,7 +22,7 @@ class GroundEffect(NamedTuple):
 
 
 def make_ground_effect(scenario: Scenario, airframe: Airframe) -> GroundEffect | Off:
-    """The ground effect of a scenario."""
+    """Create the ground effect of a scenario."""
     return (
         Off() if scenario.ground_effect is None else GroundEffect(scenario.ground_effect.height, airframe.rotor_radius)
     )
@@ -30,11 +30,11 @@ def make_ground_effect(scenario: Scenario, airframe: Airframe) -> GroundEffect |
 
 @hot_stage
 def ground_lift(ground: NamedTuple, height: float) -> float:
-    """How many times its thrust far from the ground a rotor has at `height` (m, world).
+    """Thrust of a rotor at `height` (m, world) relative to that far from the ground; 1 without ground effect.
 
-    1 / (1 - (R / 4z)^2) for a rotor of radius R at z above the ground, held from z = R/2 down, where the formula ends
-    (I. C. Cheeseman, W. E. Bennett: The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC R&M 3021,
-    1955).
+    The ratio is 1 / (1 - (R / 4z)^2) for a rotor of radius R at z above the ground, constant below z = R/2, where the
+    formula is no longer valid (I. C. Cheeseman, W. E. Bennett: The Effect of the Ground on a Helicopter Rotor in
+    Forward Flight, ARC R&M 3021, 1955).
     """
     return 1.0
 

@@ -1,4 +1,4 @@
-"""Electric power of the rotors, from their thrusts."""
+"""Electrical power of the rotors from their thrusts."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from moflock_mj.world.constants import AIR_DENSITY
 
 
 def power_factor(airframe: Airframe) -> float:
-    """Electrical power of a rotor over its thrust to the power of 1.5, W/N^1.5.
+    """Electrical power of a rotor divided by its thrust to the power of 1.5, W/N^1.5.
 
-    Momentum theory: a rotor of area A hovers with thrust T at the ideal power T^1.5 / sqrt(2 rho A), and draws that
-    over its efficiency, here the same at every thrust (J. G. Leishman: Principles of Helicopter Aerodynamics, 2006,
-    chapter 2).
+    In momentum theory, a rotor of area A with thrust T hovers at the ideal power T^1.5 / sqrt(2 rho A). The electrical
+    power is the ideal power divided by a constant efficiency (J. G. Leishman: Principles of Helicopter Aerodynamics,
+    2006, chapter 2).
     """
     area = pi * airframe.rotor_radius**2
     return 1 / (airframe.rotor_efficiency * sqrt(2 * AIR_DENSITY * area))
@@ -22,5 +22,5 @@ def power_factor(airframe: Airframe) -> float:
 
 @hot_kernel
 def rotor_power(factor: float, a: float, b: float, c: float, d: float) -> float:
-    """Power that four rotors with the thrusts a, b, c, d (N) draw, W; `factor` is that of `power_factor`."""
+    """Electrical power of four rotors with the thrusts a, b, c, d (N), W; `factor`: see `power_factor`."""
     return factor * (a * sqrt(a) + b * sqrt(b) + c * sqrt(c) + d * sqrt(d))

@@ -1,16 +1,16 @@
-"""Moving air: a constant mean wind, and gusts in it by the Dryden model of MIL-F-8785C.
+"""Wind: constant mean wind and gusts by the Dryden model of MIL-F-8785C.
 
-The gusts are those of low altitude (up to 1000 ft): with the height h in feet and the wind W20 at 20 ft,
+The gusts are those of low altitude (up to 1000 ft), with the height h in feet and the wind W20 at 20 ft:
     L_w = h, L_u = L_v = h / (0.177 + 0.000823 h)^1.2,
     sigma_w = 0.1 W20, sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4.
-Along the wind (u) the spectrum is that of white noise through a first-order filter, across and up (v, w) of second
-order; over the spatial frequency Omega in rad/m,
+The spectrum along the wind (u) is that of white noise through a first-order filter, and across and upwards (v, w) of
+second order. Over the spatial frequency Omega in rad/m,
     Phi_u = sigma^2 2 L / (pi (1 + (L Omega)^2)),
     Phi_v = sigma^2 L (1 + 3 (L Omega)^2) / (pi (1 + (L Omega)^2)^2).
-A drone meets them with its airspeed V, so that they change with the time constant T = L / V.
+A drone crosses the gusts at its airspeed V, so that they change with the time constant T = L / V.
 
-Each drone has a gust of its own, independent of all others. That is right where drones are farther apart than the
-scale lengths (some 100 m across, the height upwards) and too hard on a dense flock, whose drones real gusts would push
+The gusts of different drones are independent. This is accurate for distances above the scale lengths (about 100 m
+horizontally, the height vertically). It is pessimistic for a dense flock, where real gusts move neighbouring drones
 together. The mean wind is the same at every height.
 """
 
@@ -27,28 +27,28 @@ from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
 
 FOOT = 0.3048
-"""m."""
+"""One foot, m."""
 
 HEIGHTS = (10 * FOOT, 1000 * FOOT)
-"""Of the low-altitude model, m. Lower down the gusts are those at its lower end."""
+"""Range of the low-altitude model, m. Below it, gusts are those at its lower end."""
 
 SLOWEST = 1.0
-"""m/s, airspeed below which gusts change no more slowly: air that stands still changes too."""
+"""Smallest airspeed in the time constant of gusts, m/s, so that gusts also change for a drone at rest in the air."""
 
 
 class Wind(NamedTuple):
-    """A constant wind with Dryden turbulence, which is nil where its deviations are 0.
+    """Constant wind with Dryden turbulence; deviations of 0 give a steady wind.
 
     Attributes:
-        speed: m/s, of the mean wind.
+        speed: speed of the mean wind, m/s.
         along: (2,), unit vector of the mean wind, world.
-        period: s, from one change of the gusts to the next.
-        length_u: m, scale along and across the wind.
-        length_w: m, scale upwards.
-        sigma_u: m/s, deviation along and across the wind.
-        sigma_w: m/s, deviation upwards.
-        filters: (5, N), states of the filters, for gusts of deviation 1: u; two of v; two of w.
-        velocity: (3, N), m/s, world, of the air at each drone.
+        period: interval between two updates of the gusts, s.
+        length_u: scale length along and across the wind, m.
+        length_w: vertical scale length, m.
+        sigma_u: standard deviation along and across the wind, m/s.
+        sigma_w: vertical standard deviation, m/s.
+        filters: (5, N), filter states for gusts of unit deviation: one of u, two of v, two of w.
+        velocity: (3, N), velocity of the air at each drone, m/s, world.
     """
 
     speed: float
@@ -63,15 +63,15 @@ class Wind(NamedTuple):
 
 
 GUST_DRAWS = 5
-"""Normal numbers that a drone's gusts take each time they change."""
+"""Number of normal random numbers per drone and update of the gusts."""
 
 
 def dryden_scales(height: float, w20: float) -> tuple[float, float, float, float]:
-    """Lengths L_u = L_v and L_w in m and deviations sigma_u = sigma_v and sigma_w in m/s; see the top of this room.
+    """Scale lengths L_u = L_v, L_w (m) and deviations sigma_u = sigma_v, sigma_w (m/s); see the module docstring.
 
     Args:
-        height: m above the ground.
-        w20: m/s, wind at 6 m (20 ft).
+        height: height above the ground, m.
+        w20: wind at 6 m (20 ft), m/s.
     """
     feet = max(height, HEIGHTS[0]) / FOOT
     shape = 0.177 + 0.000823 * feet
@@ -80,15 +80,15 @@ def dryden_scales(height: float, w20: float) -> tuple[float, float, float, float
 
 
 def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> Wind | Off:
-    """The wind of a scenario.
+    """Create the wind of a scenario, or Off without wind.
 
     Args:
-        scenario: whose `wind` is on or off.
-        period: s, time between two calls of `blow`.
-        rng: of the gusts at the start.
+        scenario: the scenario.
+        period: interval between two calls of `blow`, s.
+        rng: generator of the initial gusts.
 
     Raises:
-        ScenarioError: the flock flies higher than gusts are modelled.
+        ScenarioError: the altitude is above the range of the gust model.
     """
     section, drones = scenario.wind, scenario.drones
     if section is None:
@@ -100,7 +100,7 @@ def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> Wi
     along = np.array([np.cos(section.direction), np.sin(section.direction)])
     filters = rng.standard_normal((GUST_DRAWS, drones))
     for first in (1, 3):
-        # The stationary covariance, see `_second_order`.
+        # Initialise with the stationary covariance, see `_second_order`.
         filters[first + 1] = (filters[first] + filters[first + 1]) / 2 * sqrt(0.5)
         filters[first] *= sqrt(0.5)
     scales = dryden_scales(scenario.altitude, section.gust_wind)
@@ -111,18 +111,18 @@ def make_wind(scenario: Scenario, period: float, rng: np.random.Generator) -> Wi
 
 @stage
 def blow(wind: NamedTuple, velocity: NDArray[np.float64], draws: NDArray[np.float64]) -> None:
-    """Let the gusts change for one period.
+    """Advance the gusts by one period; no effect without wind.
 
     Args:
-        wind: the air.
-        velocity: (3, N), m/s, world, of the drones.
-        draws: (1, 5, N), N(0, 1); (0, 5, N) in calm air, and where the gusts stay as they are.
+        wind: the wind; updated.
+        velocity: (3, N), velocity of the drones, m/s, world.
+        draws: (1, 5, N), N(0, 1); (0, 5, N) without wind, and to keep the gusts.
     """
 
 
 @hot_stage
 def air_velocity(wind: NamedTuple, i: int) -> tuple[float, float, float]:
-    """Velocity of the air at drone i, m/s, world."""
+    """Velocity of the air at drone i, m/s, world; zero without wind."""
     return 0.0, 0.0, 0.0
 
 
@@ -133,21 +133,21 @@ def _wind_velocity(wind: Wind, i: int) -> tuple[float, float, float]:
 
 @kernel
 def _second_order(p: float, q: float, ratio: float, draw_p: float, draw_q: float) -> tuple[float, float]:
-    """Both states of a lateral filter one period on, exactly.
+    """Advance both states of a second-order filter by one period, exactly.
 
     The filter (1 + sqrt(3) T s) / (1 + T s)^2 is sqrt(3) p + (1 - sqrt(3)) q with p' = (n - p) / T, q' = (p - q) / T.
-    Its output has the variance 1 if p has 1/2; then q has half of that, and so has their covariance.
+    For an output variance of 1, the variance of p is 1/2, that of q is 1/4, and their covariance is 1/4.
 
     Args:
         p: first state.
         q: second state.
-        ratio: period over T.
+        ratio: period divided by T.
         draw_p: N(0, 1).
         draw_q: N(0, 1).
     """
     decay = exp(-ratio)
     kept = decay * decay
-    # What the noise of this period adds to the covariance: the stationary one, less what is kept of it.
+    # The noise of this period adds the stationary covariance less its decayed part.
     pp = (1 - kept) / 2
     pq = (1 - kept * (1 + 2 * ratio)) / 4
     qq = (1 - kept * (1 + 2 * ratio * (1 + ratio))) / 4
@@ -159,7 +159,7 @@ def _second_order(p: float, q: float, ratio: float, draw_p: float, draw_q: float
 
 @kernel
 def _write_velocity(wind: Wind) -> None:
-    """The air's velocity in the world from the filters' states."""
+    """Update the velocity of the air from the filter states."""
     filters, root3 = wind.filters, sqrt(3.0)
     for i in range(filters.shape[1]):
         u = wind.sigma_u * filters[0, i]
@@ -176,8 +176,8 @@ def _blow(wind: Wind, velocity: NDArray[np.float64], draws: NDArray[np.float64])
         return
     for i in range(filters.shape[1]):
         x, y, z = velocity[0, i] - air[0, i], velocity[1, i] - air[1, i], velocity[2, i] - air[2, i]
-        way = max(sqrt(x * x + y * y + z * z), SLOWEST) * wind.period
-        ratio_u, ratio_w = way / wind.length_u, way / wind.length_w
+        distance = max(sqrt(x * x + y * y + z * z), SLOWEST) * wind.period
+        ratio_u, ratio_w = distance / wind.length_u, distance / wind.length_w
         decay = exp(-ratio_u)
         filters[0, i] = decay * filters[0, i] + sqrt(1 - decay * decay) * draws[0, 0, i]
         filters[1, i], filters[2, i] = _second_order(

@@ -1,1 +1,1 @@
-"""The client side: vehicles as seen from the ground, and what they are asked for."""
+"""The ground station: remote vehicles, their links, and the commands sent to them."""

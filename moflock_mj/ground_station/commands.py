@@ -1,6 +1,6 @@
-"""What a ground station asks of a vehicle and waits for: commands, messages and their rates, parameters, fences.
+"""Exchanges of a ground station with a vehicle: commands, messages and their rates, parameters, fences.
 
-Each exchange is tried again when no answer comes, since packets get lost.
+Each exchange is repeated when no answer arrives, since packets get lost.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
 from moflock_mj.mavlink.parameters import REAL32, Parameter, carried_value, value_carried
 
 TIMEOUT = 0.7
-"""s, for one answer."""
+"""Time to wait for one answer, s."""
 TRIES = 5
 
 _FENCE = mavlink.MAV_MISSION_TYPE_FENCE
 _FENCE_ITEMS_MAX = 200
 _TOLERANCE = 1e-6
-"""Share by which a parameter that was read back may differ: it travels as a float of four bytes."""
+"""Relative and absolute tolerance of a parameter that is read back, since it is sent as a 32-bit float."""
 
 
 class FenceItem(NamedTuple):
-    """A corner, or a circle's centre.
+    """A corner of a polygon, or the centre of a circle.
 
     Attributes:
         command: MAV_CMD_NAV_FENCE_...
-        param1: corners of its polygon, or its radius in m.
-        latitude: degrees.
-        longitude: degrees.
+        param1: number of corners of the polygon, or radius of the circle, m.
+        latitude: latitude, degrees.
+        longitude: longitude, degrees.
     """
 
     command: int
@@ -50,7 +50,7 @@ async def exchange(
     timeout: float = TIMEOUT,
     tries: int = TRIES,
 ) -> Message | None:
-    """Send a message until an answer comes, of one of these names, that fits; None if none does."""
+    """Send a message until an answer with one of these names arrives that fits; None if none arrives."""
     for _ in range(tries):
         with vehicle.expecting(names, fits) as answer:
             vehicle.send(message)
@@ -63,16 +63,16 @@ async def exchange(
 async def command(
     vehicle: RemoteVehicle, number: int, *params: float, timeout: float = TIMEOUT, tries: int = TRIES
 ) -> int | None:
-    """Send a COMMAND_LONG; returns the MAV_RESULT that is acknowledged, None if nothing is.
+    """Send a COMMAND_LONG; returns the acknowledged MAV_RESULT, or None without an acknowledgement.
 
-    An acknowledgement proves nothing but that the command was understood: look at what the vehicle does.
+    An acknowledgement only proves that the command was understood; the effect must be checked by telemetry.
 
     Args:
-        vehicle: obeys.
+        vehicle: receiver of the command.
         number: MAV_CMD.
-        params: up to seven, the others are 0.
-        timeout: s, for one answer.
-        tries: how often it is sent.
+        params: up to seven parameters; the others are 0.
+        timeout: time to wait for one answer, s.
+        tries: maximum number of transmissions.
     """
     for attempt in range(tries):
         with vehicle.expecting(["COMMAND_ACK"], lambda ack: ack.command == number) as answer:
@@ -90,7 +90,7 @@ def command_long(system: int, number: int, *params: float, confirmation: int = 0
 
 
 async def request_message(vehicle: RemoteVehicle, number: int, *, tries: int = TRIES) -> Message | None:
-    """Ask for one message by its id; None if it does not come."""
+    """Request one message by its id; None if it does not arrive."""
     name = mavlink.mavlink_map[number].msgname
     request = command_long(vehicle.system, mavlink.MAV_CMD_REQUEST_MESSAGE, number)
     message = await exchange(vehicle, request, [name], tries=tries)
@@ -101,7 +101,7 @@ async def request_message(vehicle: RemoteVehicle, number: int, *, tries: int = T
 
 
 async def set_rates(vehicle: RemoteVehicle, rates: dict[int, float]) -> list[int]:
-    """Ask for messages at rates in Hz, by message id; returns the ids that were refused or not acknowledged."""
+    """Request messages at rates in Hz, by message id; returns the ids that were refused or not acknowledged."""
     refused = []
     for number, rate in rates.items():
         result = await command(vehicle, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate if rate > 0 else -1)
@@ -111,25 +111,25 @@ async def set_rates(vehicle: RemoteVehicle, rates: dict[int, float]) -> list[int
 
 
 async def read_parameter(vehicle: RemoteVehicle, name: str, *, tries: int = TRIES) -> Parameter | None:
-    """A parameter by its name; None if the vehicle does not answer, as it does for a name that it does not know."""
+    """Read a parameter by its name; None without an answer, which is also the case for a name that does not exist."""
     request = mavlink.MAVLink_param_request_read_message(vehicle.system, AUTOPILOT_COMPONENT, name.encode(), -1)
-    told = await exchange(vehicle, request, ["PARAM_VALUE"], lambda told: told.param_id == name, tries=tries)
-    return None if told is None else _parameter_of(vehicle, told)
+    answer = await exchange(vehicle, request, ["PARAM_VALUE"], lambda message: message.param_id == name, tries=tries)
+    return None if answer is None else _parameter_of(vehicle, answer)
 
 
 async def set_parameter(vehicle: RemoteVehicle, name: str, value: float) -> Parameter:
-    """Set a parameter and read it back; returns it as the vehicle has it now.
+    """Set a parameter and read it back; returns the parameter that was read back.
 
     Raises:
-        CommandError: it has no such parameter, does not answer, or keeps another value.
+        CommandError: the vehicle does not have the parameter, does not answer, or keeps another value.
     """
     known = await read_parameter(vehicle, name)
     if known is None:
         raise CommandError(f"{vehicle}: parameter {name}: no answer")
     carried = value_carried(value, known.kind, bytewise=_bytewise(vehicle))
-    order = mavlink.MAVLink_param_set_message(vehicle.system, AUTOPILOT_COMPONENT, name.encode(), carried, known.kind)
-    # The answer to the order is the value as it is kept; it is asked for once more all the same.
-    await exchange(vehicle, order, ["PARAM_VALUE"], lambda told: told.param_id == name)
+    request = mavlink.MAVLink_param_set_message(vehicle.system, AUTOPILOT_COMPONENT, name.encode(), carried, known.kind)
+    # The answer should already be the stored value; it is read again to be certain.
+    await exchange(vehicle, request, ["PARAM_VALUE"], lambda message: message.param_id == name)
     kept = await read_parameter(vehicle, name)
     if kept is None or not math.isclose(kept.value, value, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
         has = "no answer" if kept is None else f"it keeps {kept.value:g}"
@@ -141,15 +141,17 @@ async def upload_fence(vehicle: RemoteVehicle, items: Sequence[FenceItem]) -> No
     """Replace the vehicle's fence.
 
     Raises:
-        CommandError: it does not answer, or refuses.
+        CommandError: the vehicle does not answer, or refuses the fence.
     """
-    whom = (vehicle.system, AUTOPILOT_COMPONENT)
+    target = (vehicle.system, AUTOPILOT_COMPONENT)
     names = ["MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"]
 
     def of_fence(answer: Message) -> bool:
         return bool(answer.mission_type == _FENCE)
 
-    answer = await exchange(vehicle, mavlink.MAVLink_mission_count_message(*whom, len(items), _FENCE), names, of_fence)
+    answer = await exchange(
+        vehicle, mavlink.MAVLink_mission_count_message(*target, len(items), _FENCE), names, of_fence
+    )
     for _ in range(4 * len(items) + TRIES):
         if answer is None:
             raise CommandError(f"{vehicle}: fence: no answer")
@@ -158,42 +160,45 @@ async def upload_fence(vehicle: RemoteVehicle, items: Sequence[FenceItem]) -> No
                 raise CommandError(f"{vehicle}: fence: refused, MAV_MISSION_RESULT {answer.type}")
             return
         if not 0 <= answer.seq < len(items):
-            raise CommandError(f"{vehicle}: fence: item {answer.seq} of {len(items)} asked for")
+            raise CommandError(
+                f"{vehicle}: fence upload: item {answer.seq} was requested; it must be below {len(items)}"
+            )
         item = _item_message(vehicle.system, answer.seq, items[answer.seq])
-        asked = answer.seq
+        requested = answer.seq
 
-        # What was asked for twice while the item was under way is not the next question.
-        def is_next(answer: Message, asked: int = asked) -> bool:
-            return of_fence(answer) and (answer.get_type() == "MISSION_ACK" or answer.seq != asked)
+        # A repeated request that crossed the item in transit is not the next one.
+        def is_next(answer: Message, requested: int = requested) -> bool:
+            return of_fence(answer) and (answer.get_type() == "MISSION_ACK" or answer.seq != requested)
 
         answer = await exchange(vehicle, item, names, is_next)
-    raise CommandError(f"{vehicle}: fence: it asks and asks")
+    requests = 4 * len(items) + TRIES
+    raise CommandError(f"{vehicle}: fence upload: the vehicle keeps requesting items; gave up after {requests}")
 
 
 async def download_fence(vehicle: RemoteVehicle) -> list[FenceItem]:
-    """The vehicle's fence.
+    """Download the vehicle's fence.
 
     Raises:
-        CommandError: it does not answer.
+        CommandError: the vehicle does not answer.
     """
-    whom = (vehicle.system, AUTOPILOT_COMPONENT)
-    request = mavlink.MAVLink_mission_request_list_message(*whom, _FENCE)
-    count = await exchange(vehicle, request, ["MISSION_COUNT"], lambda told: told.mission_type == _FENCE)
+    target = (vehicle.system, AUTOPILOT_COMPONENT)
+    request = mavlink.MAVLink_mission_request_list_message(*target, _FENCE)
+    count = await exchange(vehicle, request, ["MISSION_COUNT"], lambda message: message.mission_type == _FENCE)
     if count is None:
         raise CommandError(f"{vehicle}: fence: no answer")
     items = []
     for number in range(min(count.count, _FENCE_ITEMS_MAX)):
-        asked = mavlink.MAVLink_mission_request_int_message(*whom, number, _FENCE)
+        request = mavlink.MAVLink_mission_request_int_message(*target, number, _FENCE)
         item = await exchange(
             vehicle,
-            asked,
+            request,
             ["MISSION_ITEM_INT"],
-            lambda told, number=number: told.mission_type == _FENCE and told.seq == number,  # type: ignore[misc]
+            lambda message, number=number: message.mission_type == _FENCE and message.seq == number,  # type: ignore[misc]
         )
         if item is None:
-            raise CommandError(f"{vehicle}: fence: item {number} of {count.count} does not come")
+            raise CommandError(f"{vehicle}: fence: item {number} of {count.count} does not arrive")
         items.append(FenceItem(item.command, item.param1, item.x / 1e7, item.y / 1e7))
-    vehicle.send(mavlink.MAVLink_mission_ack_message(*whom, mavlink.MAV_MISSION_ACCEPTED, _FENCE))
+    vehicle.send(mavlink.MAVLink_mission_ack_message(*target, mavlink.MAV_MISSION_ACCEPTED, _FENCE))
     return items
 
 
@@ -205,7 +210,7 @@ def _item_message(system: int, number: int, item: FenceItem) -> Message:
 
 
 def _bytewise(vehicle: RemoteVehicle) -> bool:
-    """Whether integers travel as the bytes of the float: as it says, else as its autopilot does."""
+    """Whether integers are encoded as the bytes of the float: by AUTOPILOT_VERSION, else by the autopilot."""
     version = vehicle.message("AUTOPILOT_VERSION")
     if version is not None:
         bytewise = mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
@@ -215,7 +220,7 @@ def _bytewise(vehicle: RemoteVehicle) -> bool:
     return bool(vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4)
 
 
-def _parameter_of(vehicle: RemoteVehicle, told: Message) -> Parameter:
-    value = carried_value(told.param_value, told.param_type, bytewise=_bytewise(vehicle))
-    # A four-byte float's own digits: 0.8 and not 0.800000011920929.
-    return Parameter(told.param_type, float(f"{value:.7g}") if told.param_type == REAL32 else value)
+def _parameter_of(vehicle: RemoteVehicle, message: Message) -> Parameter:
+    value = carried_value(message.param_value, message.param_type, bytewise=_bytewise(vehicle))
+    # Round to the precision of a 32-bit float: 0.8 instead of 0.800000011920929.
+    return Parameter(message.param_type, float(f"{value:.7g}") if message.param_type == REAL32 else value)

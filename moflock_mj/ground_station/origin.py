@@ -11,28 +11,28 @@ from moflock_mj.mavlink.frames import Origin
 
 
 def parse_origin(text: str) -> tuple[float, float]:
-    """Latitude and longitude, degrees, of a text such as 47.397742,8.545594.
+    """Parse latitude and longitude, degrees, from a text such as 47.397742,8.545594.
 
     Raises:
-        DeploymentError: it is no such text.
+        DeploymentError: the text has another form, or a value is out of bounds.
     """
     try:
         latitude, longitude = (float(part) for part in text.split(","))
     except ValueError:
-        raise DeploymentError(f"origin: {text!r} must be LATITUDE,LONGITUDE in degrees") from None
+        raise DeploymentError(f"origin: {text!r}: it must be LATITUDE,LONGITUDE in degrees") from None
     if not (abs(latitude) <= 85 and abs(longitude) <= 180):
         raise DeploymentError(f"origin: {text!r} is out of bounds: it must be within 85 and 180 degrees")
     return latitude, longitude
 
 
 def find_origin(vehicles: Sequence[RemoteVehicle], place: tuple[float, float] | None) -> Origin:
-    """The middle of the arena: the place that was asked for, else the mean of the vehicles' homes; its x is east.
+    """Centre of the arena: the given place, else the mean of the vehicles' homes.
 
-    Its height is the mean of the homes', so that the flock's height is one above the ground from which it took off.
+    Its altitude is the mean altitude of the homes, so that the flock's height is above its take-off place.
     """
     homes = [home for vehicle in vehicles if (home := vehicle.home()) is not None]
     count, first = len(homes), homes[0][1]
-    # Longitudes are averaged around the first one: the date line is nowhere near a flock then.
+    # Longitudes are averaged relative to the first one, so that the date line has no effect.
     turns = [math.remainder(longitude - first, 360.0) for _, longitude, _ in homes]
     latitude, longitude = place or (
         sum(home[0] for home in homes) / count,

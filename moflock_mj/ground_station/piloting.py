@@ -1,7 +1,7 @@
-"""Flying a vehicle from the ground, the same for ArduCopter and PX4: take off, obey velocities, hold, return, land.
+"""Flight commands for ArduCopter and PX4: take off, follow velocity setpoints, hold, return, land.
 
-What a vehicle does is believed by its HEARTBEAT and its position, never by its acknowledgements: PX4 accepts OFFBOARD
-without a stream, and ArduCopter a take-off that a setpoint then cancels.
+The effect of a command is confirmed by HEARTBEAT and position, never by its acknowledgement: PX4 accepts OFFBOARD
+without a stream of setpoints, and ArduCopter accepts a take-off that a setpoint then cancels.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from moflock_mj.ground_station.remote_vehicle import RemoteVehicle, mode_name
 from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
 from moflock_mj.mavlink.frames import Triple, ned_of_world
 
-ASK_AGAIN = 1.0
-"""s, after which an order that has not shown in HEARTBEAT is given again."""
+REPEAT_INTERVAL = 1.0
+"""Interval at which a command is repeated until HEARTBEAT confirms it, s."""
 STREAM_FIRST = 1.0
-"""s of setpoints that PX4 wants to have seen before OFFBOARD."""
+"""Time for which PX4 must receive setpoints before OFFBOARD, s."""
 _OFF_THE_GROUND = 30.0
-"""s, for leaving the ground: rotors spool up for some seconds, on the vehicle's clock, which a busy simulator slows."""
+"""Time to leave the ground, s: rotors spool up for seconds of the vehicle's clock, which a busy simulator slows."""
 _POLL = 0.05
 _VELOCITY_ONLY = 0xDC7
-"""Type mask of SET_POSITION_TARGET_LOCAL_NED: everything but the velocity is ignored."""
+"""Type mask of SET_POSITION_TARGET_LOCAL_NED that selects the velocity only."""
 _NAN = math.nan
 
 
 class FlightTask(enum.StrEnum):
-    """What a vehicle in the air can be told to do."""
+    """Task of a vehicle in the air."""
 
     OFFBOARD = "obey"
     HOLD = "hold"
@@ -40,13 +40,13 @@ class FlightTask(enum.StrEnum):
 
 
 class AutopilotProfile(NamedTuple):
-    """What is particular to an autopilot.
+    """Properties of an autopilot.
 
     Attributes:
-        name: as our command line has it.
-        modes: custom_mode of each task. ArduCopter holds in BRAKE: LOITER without a remote control descends.
-        taking_off: custom_modes that HEARTBEAT may show between arming and the end of a take-off.
-        streams_first: whether setpoints must come before the mode that obeys them, and not during the take-off.
+        name: name on the command line.
+        modes: custom_mode of each task. ArduCopter holds in BRAKE, since LOITER descends without a remote control.
+        taking_off: custom_modes that HEARTBEAT can show between arming and the end of a take-off.
+        streams_first: whether setpoints must be sent before OFFBOARD is requested, and not during the take-off.
     """
 
     name: str
@@ -78,14 +78,14 @@ PROFILES: Mapping[int, AutopilotProfile] = {
         True,
     ),
 }
-"""By MAV_AUTOPILOT."""
+"""Profiles by MAV_AUTOPILOT."""
 
 
 def profile_of(vehicle: RemoteVehicle) -> AutopilotProfile:
-    """The style of a vehicle's autopilot.
+    """Profile of a vehicle's autopilot.
 
     Raises:
-        CommandError: it is one that we cannot fly.
+        CommandError: the autopilot is not supported, or the vehicle is a fixed wing.
     """
     profile = PROFILES.get(vehicle.autopilot)
     if profile is None:
@@ -96,22 +96,22 @@ def profile_of(vehicle: RemoteVehicle) -> AutopilotProfile:
     return profile
 
 
-def mode_order(vehicle: RemoteVehicle, mode: int) -> Message:
-    """The command that asks for a custom_mode."""
+def mode_command(vehicle: RemoteVehicle, mode: int) -> Message:
+    """Command that sets a custom_mode."""
     custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if vehicle.autopilot == mavlink.MAV_AUTOPILOT_PX4:
-        # PX4 takes main and sub mode apart.
+        # PX4 expects main mode and sub-mode as separate parameters.
         return command_long(vehicle.system, mavlink.MAV_CMD_DO_SET_MODE, custom, mode >> 16 & 255, mode >> 24 & 255)
     return command_long(vehicle.system, mavlink.MAV_CMD_DO_SET_MODE, custom, mode)
 
 
 def velocity_setpoint(system: int, velocity: Triple, milliseconds: int = 0) -> Message:
-    """A setpoint of a velocity, m/s, world; the heading stays.
+    """Velocity setpoint that keeps the heading.
 
     Args:
-        system: whom it is for.
-        velocity: east, north, up.
-        milliseconds: time stamp, since the sender's start.
+        system: system id of the receiver.
+        velocity: east, north, up, m/s, world.
+        milliseconds: time since the sender's start, ms.
     """
     return mavlink.MAVLink_set_position_target_local_ned_message(
         milliseconds % 2**32, system, AUTOPILOT_COMPONENT, mavlink.MAV_FRAME_LOCAL_NED, _VELOCITY_ONLY,
@@ -120,24 +120,24 @@ def velocity_setpoint(system: int, velocity: Triple, milliseconds: int = 0) -> M
 
 
 async def set_mode(vehicle: RemoteVehicle, mode: int, *, timeout: float = 5.0) -> None:
-    """Ask for a custom_mode until HEARTBEAT shows it.
+    """Set a custom_mode and wait until HEARTBEAT confirms it.
 
     Raises:
-        CommandError: it does not, in time.
+        CommandError: HEARTBEAT does not confirm it in time.
     """
-    if (said := await _until(vehicle, mode_order(vehicle, mode), lambda: vehicle.mode == mode, timeout)) is not None:
+    if (said := await _until(vehicle, mode_command(vehicle, mode), lambda: vehicle.mode == mode, timeout)) is not None:
         wanted = mode_name(vehicle.autopilot, mode)
-        raise CommandError(f"{vehicle}: stays in {vehicle.mode_name}, asked for {wanted}{said}")
+        raise CommandError(f"{vehicle}: stays in {vehicle.mode_name}, although {wanted} was requested{said}")
 
 
 async def arm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
-    """Arm, never by force.
+    """Arm without force.
 
     Raises:
-        CommandError: it does not arm; with what it says.
+        CommandError: the vehicle does not arm; the message includes its status texts.
     """
-    order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-    if (said := await _until(vehicle, order, lambda: vehicle.armed, timeout)) is not None:
+    request = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    if (said := await _until(vehicle, request, lambda: vehicle.armed, timeout)) is not None:
         raise CommandError(f"{vehicle}: does not arm{said}")
 
 
@@ -145,81 +145,85 @@ async def disarm(vehicle: RemoteVehicle, *, timeout: float = 5.0) -> None:
     """Disarm on the ground; in the air an autopilot refuses.
 
     Raises:
-        CommandError: it does not disarm.
+        CommandError: the vehicle does not disarm.
     """
-    order = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
-    if (said := await _until(vehicle, order, lambda: not vehicle.armed, timeout)) is not None:
+    request = command_long(vehicle.system, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    if (said := await _until(vehicle, request, lambda: not vehicle.armed, timeout)) is not None:
         raise CommandError(f"{vehicle}: does not disarm{said}")
 
 
 async def take_off(vehicle: RemoteVehicle, height: float, *, timeout: float = 10.0) -> None:
-    """Arm and leave the ground; returns as soon as it climbs, long before it is at its height.
+    """Arm and take off; returns as soon as the vehicle climbs, before it is at its height.
 
-    ArduCopter must not get a velocity setpoint before it is there: it would stop.
+    ArduCopter must not receive a velocity setpoint before it is at its height, since it would stop climbing.
 
     Args:
-        vehicle: stands on the ground.
-        height: m, above its home.
-        timeout: s, for the mode and for arming.
+        vehicle: vehicle on the ground.
+        height: height above its home, m.
+        timeout: time for the mode change and for arming, s.
 
     Raises:
-        CommandError: it does not.
+        CommandError: the vehicle does not take off.
     """
     if profile_of(vehicle).name == "ardupilot":
         await set_mode(vehicle, PROFILES[vehicle.autopilot].modes[FlightTask.OFFBOARD], timeout=timeout)
         await arm(vehicle, timeout=timeout)
         params: tuple[float, ...] = (0, 0, 0, 0, 0, 0, height)
     else:
-        # PX4 does not arm in LAND, nor in OFFBOARD without a stream, where it is again after a flight.
+        # PX4 does not arm in LAND, nor in OFFBOARD without a stream, its modes after a flight.
         await set_mode(vehicle, PROFILES[vehicle.autopilot].modes[FlightTask.HOLD], timeout=timeout)
         await arm(vehicle, timeout=timeout)
-        # PX4 counts above mean sea level; NaN: where it is, as it points.
+        # PX4 expects the altitude above mean sea level; NaN keeps place and heading.
         place = vehicle.fix
         if place is None:
-            raise CommandError(f"{vehicle}: does not say where it is")
+            raise CommandError(f"{vehicle}: does not report its position")
         params = (_NAN, 0, 0, _NAN, _NAN, _NAN, place.altitude - place.height + height)
-    order = command_long(vehicle.system, mavlink.MAV_CMD_NAV_TAKEOFF, *params)
+    request = command_long(vehicle.system, mavlink.MAV_CMD_NAV_TAKEOFF, *params)
 
     def climbs() -> bool:
         return vehicle.landed is False or (vehicle.fix is not None and vehicle.fix.height > 0.5)
 
-    if (said := await _until(vehicle, order, climbs, _OFF_THE_GROUND)) is not None:
+    if (said := await _until(vehicle, request, climbs, _OFF_THE_GROUND)) is not None:
         raise CommandError(f"{vehicle}: does not take off{said}")
 
 
 async def begin(vehicle: RemoteVehicle, task: FlightTask, *, timeout: float = 5.0) -> None:
-    """Let a vehicle in the air hold, return, land, or obey setpoints.
+    """Let a vehicle in the air hold, return, land, or follow setpoints.
 
-    Before Task.OBEY somebody must stream setpoints to it already, for STREAM_FIRST, and go on.
+    Before `FlightTask.OFFBOARD`, setpoints must have been sent for STREAM_FIRST, and must continue.
 
     Raises:
-        CommandError: HEARTBEAT does not show it.
+        CommandError: HEARTBEAT does not confirm it.
     """
     await set_mode(vehicle, profile_of(vehicle).modes[task], timeout=timeout)
 
 
 async def run_prearm_checks(vehicle: RemoteVehicle) -> int | None:
-    """Ask a vehicle to tell why it would not arm, in status texts; returns the MAV_RESULT."""
+    """Request the pre-arm checks, whose failures arrive as status texts; returns the MAV_RESULT."""
     return await command(vehicle, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
 
-async def _until(vehicle: RemoteVehicle, order: Message, done: Callable[[], bool], timeout: float) -> str | None:
-    """Give an order, and give it again, until it shows; None if it does, else what the vehicle said of it, in words."""
+async def _until(vehicle: RemoteVehicle, request: Message, done: Callable[[], bool], timeout: float) -> str | None:
+    """Repeat a command until it takes effect; returns None, or the vehicle's status texts after a timeout."""
     loop = asyncio.get_running_loop()
-    began = again = loop.time()
+    began = repeat_at = loop.time()
     while not done():
         now = loop.time()
         if now >= began + timeout:
-            return _said_since(vehicle, began)
-        if now >= again:
-            vehicle.send(order)
-            again = now + ASK_AGAIN
+            return _texts_since(vehicle, began)
+        if now >= repeat_at:
+            vehicle.send(request)
+            repeat_at = now + REPEAT_INTERVAL
         await asyncio.sleep(_POLL)
     return None
 
 
-def _said_since(vehicle: RemoteVehicle, time: float) -> str:
-    """The last words of a vehicle since a time, as they may tell why; nothing if it has said nothing."""
-    grave = [told for told in vehicle.texts if told.severity <= mavlink.MAV_SEVERITY_WARNING and told.time >= time]
-    words = dict.fromkeys(told.text for told in grave)
-    return f": it says {'; '.join(list(words)[-2:])}" if words else ""
+def _texts_since(vehicle: RemoteVehicle, time: float) -> str:
+    """The last warnings of a vehicle since a time, which can state a reason; empty if there are none."""
+    warnings = [
+        status_text.text
+        for status_text in vehicle.texts
+        if status_text.severity <= mavlink.MAV_SEVERITY_WARNING and status_text.time >= time
+    ]
+    texts = list(dict.fromkeys(warnings))
+    return f": it reports {'; '.join(texts[-2:])}" if texts else ""

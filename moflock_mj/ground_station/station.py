@@ -1,6 +1,6 @@
-"""A ground station: links to real or simulated vehicles, heartbeats to them, and who speaks on which link.
+"""A ground station: links to real or simulated vehicles, heartbeats to them, and routes by system id.
 
-All times are those of the event loop, so that a whole exchange can be tested on a loop whose clock is simulated.
+All times are those of the event loop, so that a whole exchange can be tested on a loop with a simulated clock.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from moflock_mj.mavlink.endpoint import Counts, Endpoint, Peer
 from moflock_mj.mavlink.signing import SigningClock, SigningKey
 from moflock_mj.mavlink.tcp import open_stream
 
-BEAT = 1.0
-"""s, between two heartbeats to each vehicle, and between two measured round trips."""
+HEARTBEAT_INTERVAL = 1.0
+"""Interval of heartbeats to each vehicle, and of round-trip measurements, s."""
 MOVED_AFTER = 5.0
-"""s of silence, after which a vehicle may come back from another address."""
+"""Silence after which a vehicle may return from another address, s."""
 _POLL = 0.05
-"""s, between two looks whether all vehicles are there."""
+"""Interval of the check whether all vehicles are connected, s."""
 
 
 class Traffic(NamedTuple):
-    """A packet that came from a vehicle or went to one.
+    """A packet from or to a vehicle.
 
     Attributes:
-        time: s on the event loop's clock.
-        system: the vehicle's id; 0 for what goes to all on a link.
-        is_sent: whether it went out.
-        packet: its bytes.
+        time: time, s on the event loop's clock.
+        system: system id of the vehicle; 0 for a packet to all vehicles of a link.
+        is_sent: whether it was sent by the ground station.
+        packet: bytes of the packet.
     """
 
     time: float
@@ -44,13 +44,13 @@ class Traffic(NamedTuple):
 
 
 class GroundLink:
-    """One connection, its endpoint, and the system ids that are heard on it.
+    """One connection, its endpoint, and the system ids received on it.
 
     Args:
-        connection: where it leads.
-        receive: told each message, and from whom it came.
-        key: of the signatures, or None.
-        clock: of the signatures.
+        connection: address of the connection.
+        receive: callback that receives each message and its sender.
+        key: signing key, or None.
+        clock: clock of the signatures.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class GroundLink:
         """Bind, or connect.
 
         Raises:
-            LinkError: the port is in use, or nobody listens.
+            LinkError: the port is in use, or the connection is refused.
         """
         kind, host, port = self.connection
         if kind == "udpin":
@@ -89,25 +89,25 @@ class GroundLink:
 
 
 class GroundStation:
-    """Links to vehicles, which `connect` waits for; an asynchronous context manager that opens and closes them.
+    """Links to vehicles; an asynchronous context manager that opens and closes them.
 
     Args:
-        connections: where the vehicles are.
-        key: of the links' signatures, or None.
+        connections: addresses of the vehicles.
+        key: signing key of the links, or None.
 
     Attributes:
-        vehicles: by system id.
-        beating: whether heartbeats are sent; a controller that is not well stops them, so that the vehicles' own
+        vehicles: vehicles by system id.
+        heartbeats_enabled: whether heartbeats are sent; an unhealthy controller stops them, so that the vehicles' own
             failsafes act.
-        observers: told of every packet.
+        observers: callbacks that receive every packet.
     """
 
     def __init__(self, connections: Sequence[Connection], key: SigningKey | None = None) -> None:
         self.vehicles: dict[int, RemoteVehicle] = {}
-        self.beating = True
+        self.heartbeats_enabled = True
         self.observers: list[Callable[[Traffic], None]] = []
         self._routes: dict[int, tuple[GroundLink, tuple[str, int]]] = {}
-        self._beats: asyncio.Task[None] | None = None
+        self._heartbeat_task: asyncio.Task[None] | None = None
         clock = SigningClock()
         self.links = [GroundLink(connection, self._receive, key, clock) for connection in connections]
 
@@ -118,14 +118,14 @@ class GroundStation:
         except BaseException:
             self.close()
             raise
-        self._beats = asyncio.create_task(self._beat())
+        self._heartbeat_task = asyncio.create_task(self._run_heartbeats())
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._beats is not None:
-            self._beats.cancel()
+        if self._heartbeat_task is not None:
+            self._heartbeat_task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
-                await self._beats
+                await self._heartbeat_task
         self.close()
 
     def close(self) -> None:
@@ -133,25 +133,25 @@ class GroundStation:
             link.endpoint.close()
 
     async def connect(self, *, count: int | None = None, timeout: float = 10.0) -> list[RemoteVehicle]:
-        """Wait until each link has a vehicle, and `count` of them in all have been heard.
+        """Wait until each link has a vehicle, and `count` vehicles are connected.
 
         Args:
-            count: vehicles; by default as many as links. Several may share a link.
-            timeout: s.
+            count: number of vehicles, several of which may share a link; None for one on each link.
+            timeout: time to wait, s.
 
         Returns:
-            The vehicles, by system id.
+            The vehicles, ordered by system id.
 
         Raises:
-            LinkError: some are missing, there are more than were expected, or two go by one system id.
+            LinkError: vehicles are missing, there are more than expected, or two share a system id.
         """
         loop = asyncio.get_running_loop()
         wanted = len(self.links) if count is None else count
         deadline = loop.time() + timeout
         while (self._silent_links() or len(self.vehicles) < wanted) and loop.time() < deadline:
             await asyncio.sleep(_POLL)
-        # Somebody who goes by another's id is heard within a heartbeat of the first.
-        await asyncio.sleep(1.2 * BEAT)
+        # A second vehicle with the same system id sends within one heartbeat interval of the first.
+        await asyncio.sleep(1.2 * HEARTBEAT_INTERVAL)
         self.check_ids()
         silent = self._silent_links()
         if silent:
@@ -163,14 +163,14 @@ class GroundStation:
         found = len(self.vehicles)
         if found != wanted:
             ids = ", ".join(map(str, sorted(self.vehicles)))
-            # Who came a moment later would fly unseen among the others.
-            share = ", one on each link: several on one need --count" if count is None else ""
-            raise LinkError(f"vehicles: {found} heard (system ids {ids}); it must be {wanted}{share}")
+            # An unexpected vehicle would fly uncontrolled among the others.
+            share = ", one on each link: several on one link need --count" if count is None else ""
+            raise LinkError(f"vehicles: {found} connected (system ids {ids}); it must be {wanted}{share}")
         return [self.vehicles[system] for system in sorted(self.vehicles)]
 
     @contextlib.contextmanager
     def observed_by(self, observer: Callable[[Traffic], None]) -> Iterator[None]:
-        """Tell somebody of every packet, for as long as this lasts."""
+        """Pass every packet to an observer within this context."""
         self.observers.append(observer)
         try:
             yield
@@ -178,18 +178,18 @@ class GroundStation:
             self.observers.remove(observer)
 
     def check_ids(self) -> None:
-        """Refuse a flock in which somebody speaks in another's name.
+        """Refuse two vehicles with one system id.
 
         Raises:
-            LinkError: two vehicles go by one system id.
+            LinkError: two vehicles share a system id.
         """
         for vehicle in self.vehicles.values():
             if vehicle.rivals:
                 others = ", ".join(sorted(vehicle.rivals))
-                raise LinkError(f"vehicles: system id {vehicle.system} is that of {vehicle.where} and of {others}")
+                raise LinkError(f"vehicles: system id {vehicle.system} is used by {vehicle.where} and {others}")
 
     def counts(self) -> Counts:
-        """Packets on all links."""
+        """Packet counts summed over all links."""
         total = Counts()
         for link in self.links:
             for name in vars(total):
@@ -197,12 +197,12 @@ class GroundStation:
         return total
 
     def send(self, system: int, message: Message) -> None:
-        """Send a message to a vehicle that has been heard."""
+        """Send a message to a connected vehicle."""
         link, address = self._routes[system]
         self._send(link, link.endpoint.peer(address), message, system)
 
-    def beat(self) -> None:
-        """Send a heartbeat to everybody, and measure round trips."""
+    def send_heartbeats(self) -> None:
+        """Send a heartbeat on every link, and measure round trips."""
         heartbeat = mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
         )
@@ -216,31 +216,31 @@ class GroundStation:
                 self._send(link, peer, heartbeat, 0)
                 self._send(link, peer, timesync, 0)
 
-    async def _beat(self) -> None:
+    async def _run_heartbeats(self) -> None:
         while True:
-            if self.beating:
-                self.beat()
-            await asyncio.sleep(BEAT)
+            if self.heartbeats_enabled:
+                self.send_heartbeats()
+            await asyncio.sleep(HEARTBEAT_INTERVAL)
 
     def _send(self, link: GroundLink, peer: Peer, message: Message, system: int) -> None:
         packet = link.endpoint.pack(message, peer)
         link.endpoint.send_packet(packet, peer)
-        self._tell(system, packet, is_sent=True)
+        self._notify(system, packet, is_sent=True)
 
     def _receive(self, link: GroundLink, message: Message, peer: Peer) -> None:
         system = message.get_srcSystem()
         if message.get_srcComponent() != AUTOPILOT_COMPONENT:
             return
-        vehicle = self.vehicles.get(system) or self._meet(link, message, peer)
+        vehicle = self.vehicles.get(system) or self._add(link, message, peer)
         if vehicle is None:
             return
         if self._routes[system] != (link, peer.address) and not self._follow(vehicle, link, peer):
             return
         vehicle.note(message, peer.lost)
-        self._tell(system, bytes(message.get_msgbuf()), is_sent=False)
+        self._notify(system, bytes(message.get_msgbuf()), is_sent=False)
 
-    def _meet(self, link: GroundLink, message: Message, peer: Peer) -> RemoteVehicle | None:
-        """A new vehicle, if this is the heartbeat of one."""
+    def _add(self, link: GroundLink, message: Message, peer: Peer) -> RemoteVehicle | None:
+        """Add a new vehicle if the message is its heartbeat."""
         if message.get_type() != "HEARTBEAT" or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
             return None
         system = message.get_srcSystem()
@@ -261,9 +261,9 @@ class GroundStation:
         return vehicle
 
     def _follow(self, vehicle: RemoteVehicle, link: GroundLink, peer: Peer) -> bool:
-        """Whether a message from another address is that of a vehicle that has moved there, and no rival's."""
+        """Accept a message from another address if the vehicle moved there; else record the address as a rival."""
         where = f"{peer.address[0]}:{peer.address[1]}"
-        if asyncio.get_running_loop().time() - vehicle.heard < MOVED_AFTER or where in vehicle.rivals:
+        if asyncio.get_running_loop().time() - vehicle.last_received < MOVED_AFTER or where in vehicle.rivals:
             vehicle.rivals.add(where)
             return False
         before, _ = self._routes[vehicle.system]
@@ -273,7 +273,7 @@ class GroundStation:
         vehicle.where, vehicle.is_local = where, _is_local(link, peer.address[0])
         return True
 
-    def _tell(self, system: int, packet: bytes, *, is_sent: bool) -> None:
+    def _notify(self, system: int, packet: bytes, *, is_sent: bool) -> None:
         if self.observers:
             traffic = Traffic(asyncio.get_running_loop().time(), system, is_sent, packet)
             for observer in self.observers:
@@ -283,11 +283,11 @@ class GroundStation:
         return [link for link in self.links if not link.systems]
 
     def _hint(self) -> str:
-        """What may be the reason of a silence."""
+        """Possible reason for missing vehicles, in words."""
         counts = self.counts()
         reasons = collections.Counter({"unsigned or wrongly signed": counts.unsigned, "malformed": counts.malformed})
-        told = [f"{count} packets were {name}" for name, count in reasons.items() if count]
-        return f" ({', '.join(told)})" if told else ""
+        hints = [f"{count} packets were {name}" for name, count in reasons.items() if count]
+        return f" ({', '.join(hints)})" if hints else ""
 
 
 def _is_local(link: GroundLink, host: str) -> bool:
@@ -302,6 +302,6 @@ async def vehicles_at(
     count: int | None = None,
     timeout: float = 10.0,
 ) -> AsyncIterator[tuple[GroundStation, list[RemoteVehicle]]]:
-    """A ground station with all its vehicles there; see `GroundStation` and `GroundStation.connect`."""
+    """Open a ground station and connect all its vehicles; see `GroundStation` and `GroundStation.connect`."""
     async with GroundStation(connections, key) as ground:
         yield ground, await ground.connect(count=count, timeout=timeout)

@@ -1,1 +1,1 @@
-"""MAVLink: links, signing, and simulated vehicles that answer as real ones do."""
+"""MAVLink: dialect, endpoints, signing, parameters, fences and frames."""

@@ -1,6 +1,6 @@
-"""The MAVLink dialect of all links. `ardupilotmega` contains `common`, and so both autopilots' messages.
+"""The MAVLink dialect of all links: `ardupilotmega`, which includes `common` and so both autopilots' messages.
 
-Imported as a class, never by `mavutil`, which changes the dialect of the whole process.
+It is imported directly, not through `mavutil`, which changes the dialect of the whole process.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import pymavlink.dialects.v20.ardupilotmega as mavlink
 __all__ = ["AUTOPILOT_COMPONENT", "GROUND_COMPONENT", "GROUND_SYSTEM", "SIMULATED", "Message", "mavlink"]
 
 Message = Any
-"""A `pymavlink` message; its library has no types."""
+"""A `pymavlink` message; the library has no type annotations."""
 
 AUTOPILOT_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 GROUND_COMPONENT = mavlink.MAV_COMP_ID_MISSIONPLANNER
 GROUND_SYSTEM = 255
-"""What a ground station calls itself; ArduPilot listens to no other for its ground-station failsafe."""
+"""System id of the ground station; ArduPilot's ground-station failsafe watches only this id."""
 
 SIMULATED = tuple(b"moflock\0")
-"""Our simulated vehicles' `middleware_custom_version` in AUTOPILOT_VERSION, where real ones have a commit."""
+"""`middleware_custom_version` of our simulated vehicles in AUTOPILOT_VERSION; real ones send a commit."""

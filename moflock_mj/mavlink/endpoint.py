@@ -1,7 +1,7 @@
-"""One UDP endpoint that speaks MAVLink 2, for vehicles and for those who command them.
+"""A MAVLink 2 endpoint over UDP, for vehicles and ground stations.
 
-Every datagram is hostile until it is checked: whole packets of MAVLink 2, a right checksum, a right signature where
-links are signed, and addressed to this system. What fails is counted and dropped, and leaves no trace but the count.
+Every datagram is untrusted until it is checked: whole packets of MAVLink 2, a correct checksum, a correct signature if
+links are signed, and this system as the target. A packet that fails is dropped and only counted.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Address = tuple[str, int]
 """Host and port."""
 
 PEERS_MAX = 16
-"""Peers that a vehicle's endpoint answers; a further one takes the place of the one that was silent longest."""
+"""Maximum number of peers of a vehicle's endpoint; a further one replaces the one that was silent longest."""
 
 _MARKER = 0xFD
 _HEADER = 10
@@ -28,21 +28,21 @@ _CHECKSUM = 2
 _SIGNATURE = 13
 _SIGNED = 0x01
 _SOURCES_MAX = 256
-"""Senders behind one address whose sequence is followed."""
+"""Maximum number of senders behind one address whose sequences are tracked."""
 
 
 @dataclasses.dataclass(kw_only=True)
 class Counts:
-    """What an endpoint has seen.
+    """Packet counts of an endpoint.
 
     Attributes:
-        received: packets that were delivered.
-        unknown: packets of kinds that this dialect does not have; firmware is often newer. They cannot be checked.
-        malformed: datagrams or parts of one that are no packet of MAVLink 2, wrong checksums included.
-        unsigned: packets without a signature, or with one that is wrong or old, where links are signed.
-        foreign: packets that are addressed to another system or component, or sent in this system's own name.
+        received: delivered packets.
+        unknown: packets of kinds that this dialect does not have, for example of newer firmware; not checkable.
+        malformed: datagrams or parts of one that are not a MAVLink 2 packet, wrong checksums included.
+        unsigned: packets without a valid and recent signature, if links are signed.
+        foreign: packets with another target system or component, or with this system's own id as the sender.
         lost: packets missing in the senders' sequences.
-        sent: packets.
+        sent: sent packets.
     """
 
     received: int = 0
@@ -55,16 +55,16 @@ class Counts:
 
     @property
     def dropped(self) -> int:
-        """Everything that came in and should not have."""
+        """Number of invalid packets."""
         return self.malformed + self.unsigned + self.foreign
 
 
 class Peer:
-    """Somebody at the other end of an endpoint: an address, and the sequence of what it is sent.
+    """The other end of a link: its address, and the sequence numbers of packets to and from it.
 
     Attributes:
-        address: where it is.
-        lost: packets missing in its sender's sequence just before the latest one that was delivered.
+        address: host and port.
+        lost: number of packets missing in the sender's sequence before the latest delivered packet.
     """
 
     def __init__(self, address: Address, packer: Any) -> None:
@@ -74,7 +74,7 @@ class Peer:
         self._sequences: dict[tuple[int, int], int] = {}
 
     def count_lost(self, system: int, component: int, sequence: int) -> None:
-        """Take note of a sender's packet; none is lost before its first, nor when it has begun anew."""
+        """Update `lost` for a sender's packet; it is 0 for a sender's first packet and after a restart."""
         source = (system, component)
         before = self._sequences.get(source)
         self.lost = 0
@@ -85,7 +85,7 @@ class Peer:
         self.lost = lost if lost < 128 else 0
 
     def go_on(self, system: int, component: int, sequence: int) -> None:
-        """Take note of a packet that is not delivered, and may be unchecked: it may go on with a sequence, no more."""
+        """Count a packet that is not delivered, and may be unchecked: it can only continue a known sequence."""
         source = (system, component)
         before = self._sequences.get(source)
         if before is not None and sequence == (before + 1) % 256:
@@ -93,7 +93,7 @@ class Peer:
 
 
 class _Decoder(mavlink.MAVLink):  # type: ignore[misc]
-    """pymavlink's decoder with our own check of signatures."""
+    """Decoder of pymavlink with `SignatureCheck` in place of its own check."""
 
     def __init__(self, check: SignatureCheck | None) -> None:
         super().__init__(None)
@@ -110,11 +110,11 @@ class Endpoint(asyncio.DatagramProtocol):
 
     Args:
         system: own system id.
-        receive: told each valid message and the peer that sent it.
+        receive: callback that receives each valid message and the peer that sent it.
         component: own component id.
-        key: links are signed with it, and what is unsigned is dropped; None: links are not signed.
-        clock: of the signatures; one for all endpoints of the process.
-        peers_max: peers that it knows; a further one takes the place of the one that was silent longest.
+        key: signing key; unsigned packets are then dropped. None for unsigned links.
+        clock: clock of the signatures, one for all endpoints of the process.
+        peers_max: maximum number of peers; a further one replaces the one that was silent longest.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Endpoint(asyncio.DatagramProtocol):
         self.component = component
         self.counts = Counts()
         self.peers: dict[Address, Peer] = {}
-        """By address, the one that was silent longest first."""
+        """Peers by address; the one that was silent longest comes first."""
         self._receive = receive
         self._peers_max = peers_max
         self._key = key
@@ -140,10 +140,10 @@ class Endpoint(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self, host: str = "127.0.0.1", port: int = 0) -> Address:
-        """Bind the socket; returns where it is bound.
+        """Bind the socket; returns its address.
 
         Raises:
-            LinkError: the address is in use, or not this machine's.
+            LinkError: the address is in use, or does not belong to this machine.
         """
         loop = asyncio.get_running_loop()
         try:
@@ -155,7 +155,7 @@ class Endpoint(asyncio.DatagramProtocol):
         return bound[0], bound[1]
 
     def connection_made(self, transport: Any) -> None:
-        """Send by this transport from now on."""
+        """Use this transport from now on."""
         self._transport = transport
 
     def close(self) -> None:
@@ -164,13 +164,13 @@ class Endpoint(asyncio.DatagramProtocol):
             self._transport = None
 
     def rename(self, system: int) -> None:
-        """Go by another system id from now on."""
+        """Use another system id from now on."""
         self.system = system
         for peer in self.peers.values():
             peer._packer.srcSystem = system
 
     def peer(self, address: Address) -> Peer:
-        """The peer at an address, made if there is none yet."""
+        """Return the peer at an address; create it if it is new."""
         peer = self.peers.pop(address, None)
         if peer is None:
             packer = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=self.component)
@@ -188,7 +188,7 @@ class Endpoint(asyncio.DatagramProtocol):
         self.send_packet(self.pack(message, peer), peer)
 
     def pack(self, message: Message, peer: Peer) -> bytes:
-        """The packet of a message, the next one of the peer's sequence."""
+        """Encode a message with the next number of the peer's sequence."""
         packer = peer._packer
         if self._key is not None:
             packer.signing.timestamp = self._clock.take()
@@ -197,7 +197,7 @@ class Endpoint(asyncio.DatagramProtocol):
         return packet
 
     def send_packet(self, packet: bytes, peer: Peer) -> None:
-        """Send bytes that `pack` made."""
+        """Send bytes from `pack`."""
         if self._transport is not None:
             self.counts.sent += 1
             self._transport.sendto(packet, peer.address)
@@ -215,7 +215,7 @@ class Endpoint(asyncio.DatagramProtocol):
             offset += length
 
     def error_received(self, exc: Exception) -> None:
-        """A peer that is no longer there is not an error of this endpoint."""
+        """Ignore the error: a peer that disappeared is not an error of this endpoint."""
 
     def _take(self, frame: bytes, address: Address) -> None:
         """Deliver one packet, if it is valid."""
@@ -250,7 +250,7 @@ class Endpoint(asyncio.DatagramProtocol):
         self._receive(message, peer)
 
     def _pass_over(self, frame: bytes, address: Address) -> None:
-        """Take note of a packet of an unknown kind, which pymavlink has not checked at all: it is not lost."""
+        """Count a packet of an unknown kind, which pymavlink has not checked, so that it is not counted as lost."""
         system, component = frame[5:7]
         if self._key is not None and not self._decoder.check_signature(bytearray(frame), system, component):
             self.counts.unsigned += 1
@@ -259,20 +259,20 @@ class Endpoint(asyncio.DatagramProtocol):
         self._go_on(frame, address)
 
     def _go_on(self, frame: bytes, address: Address) -> None:
-        """Go on with the sequence of a peer by a packet that is not delivered: it is not lost."""
+        """Continue the sequence of a peer with a packet that is not delivered, so that it is not counted as lost."""
         if address in self.peers:
             sequence, system, component = frame[4:7]
             self.peers[address].go_on(system, component, sequence)
 
     def _is_addressed(self, message: Message) -> bool:
-        """Whether a message is for everybody or for this system."""
+        """Whether the target of a message is this system or all systems."""
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
         return system in (0, self.system) and component in (0, self.component)
 
 
 def frame_length(data: bytes | bytearray, offset: int) -> int:
-    """Bytes of the packet that begins there; 0 if none does, or not the whole of one."""
+    """Length of the packet at the offset, bytes; 0 if there is no whole packet."""
     if len(data) - offset < _HEADER + _CHECKSUM or data[offset] != _MARKER or data[offset + 2] & ~_SIGNED:
         return 0
     length = _HEADER + data[offset + 1] + _CHECKSUM + (_SIGNATURE if data[offset + 2] & _SIGNED else 0)

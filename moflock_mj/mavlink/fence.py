@@ -1,4 +1,4 @@
-"""Fences: polygons and circles in a vehicle's world."""
+"""Fences: polygons and circles in the world frame."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Place = tuple[float, float]
 
 
 class Polygon(NamedTuple):
-    """Corners, m, world; the area inside is allowed, or forbidden."""
+    """Polygon with corners in m, world, whose inside is allowed or forbidden."""
 
     corners: tuple[Place, ...]
     allowed: bool
 
 
 class Circle(NamedTuple):
-    """Centre and radius, m, world; the area inside is allowed, or forbidden."""
+    """Circle with centre and radius in m, world, whose inside is allowed or forbidden."""
 
     centre: Place
     radius: float
@@ -28,7 +28,7 @@ class Circle(NamedTuple):
 
 
 class FenceError(ValueError):
-    """Items that make no fence."""
+    """Mission items that do not form a fence."""
 
 
 _POLYGONS = {
@@ -42,10 +42,10 @@ _CIRCLES = {
 
 
 def read_fence(items: Sequence[Message], origin: Origin) -> tuple[Polygon | Circle, ...]:
-    """The shapes of a list of mission items.
+    """Read shapes from a list of mission items.
 
     Raises:
-        FenceError: an unknown command, a polygon that is cut short, a radius that is none.
+        FenceError: a command is unknown, a polygon is incomplete, or a radius is not positive.
     """
     shapes: list[Polygon | Circle] = []
     number = 0
@@ -71,7 +71,7 @@ def read_fence(items: Sequence[Message], origin: Origin) -> tuple[Polygon | Circ
 
 
 def breaches(shapes: Sequence[Polygon | Circle], x: float, y: float) -> bool:
-    """Whether a place, m, world, is forbidden: in a forbidden shape, or outside one that is allowed."""
+    """Whether a place, m, world, is forbidden: inside a forbidden shape, or outside an allowed one."""
     for shape in shapes:
         if isinstance(shape, Circle):
             inside = math.hypot(x - shape.centre[0], y - shape.centre[1]) <= shape.radius

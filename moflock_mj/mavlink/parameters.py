@@ -1,4 +1,4 @@
-"""A vehicle's parameters: names, types and values, and how a PARAM message carries them."""
+"""Parameters of a vehicle: types and values, and their encoding in PARAM messages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Parameter:
 
     Attributes:
         kind: MAV_PARAM_TYPE.
-        value: whole for the integer kinds.
+        value: value, an integer for the integer kinds.
     """
 
     kind: int
@@ -32,12 +32,12 @@ class Parameter:
 
 
 def carried_value(carried: float, kind: int, *, bytewise: bool) -> float:
-    """The value that a PARAM message's float field carries.
+    """Decode the float field of a PARAM message.
 
     Args:
-        carried: the field.
+        carried: value of the field.
         kind: MAV_PARAM_TYPE.
-        bytewise: whether integers travel as the bytes of the float.
+        bytewise: whether integers are encoded as the bytes of the float.
     """
     if bytewise and kind != REAL32:
         return float(struct.unpack("<i", struct.pack("<f", carried))[0])
@@ -45,7 +45,7 @@ def carried_value(carried: float, kind: int, *, bytewise: bool) -> float:
 
 
 def value_carried(value: float, kind: int, *, bytewise: bool) -> float:
-    """The float field of a PARAM message for a value; arguments as those of `carried_value`."""
+    """Encode a value as the float field of a PARAM message; see `carried_value`."""
     if bytewise and kind != REAL32:
         return float(struct.unpack("<f", struct.pack("<i", int(value)))[0])
     return value

@@ -1,4 +1,4 @@
-"""MAVLink over TCP: an endpoint's datagrams cut out of a stream of bytes."""
+"""MAVLink over TCP: extraction of packets from a stream of bytes."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from moflock_mj.mavlink.endpoint import Address, Endpoint, frame_length
 
 _MARKER = b"\xfd"
 _LONGEST = 280
-"""Bytes of a packet of MAVLink 2, signed."""
+"""Maximum length of a signed MAVLink 2 packet, bytes."""
 
 
 class StreamLink(asyncio.Protocol):
-    """A TCP connection that an endpoint uses as if it were its socket for datagrams.
+    """TCP connection in place of an endpoint's UDP socket.
 
-    Bytes that begin no packet are passed over up to the next marker, and counted as malformed once.
+    Bytes that do not begin a packet are skipped up to the next marker, and counted as malformed once.
 
     Args:
-        endpoint: speaks over it.
-        address: of the other end, by which the endpoint knows its peer.
+        endpoint: endpoint that uses the connection.
+        address: address of the other end, which identifies the endpoint's peer.
     """
 
     def __init__(self, endpoint: Endpoint, address: Address) -> None:
@@ -34,7 +34,7 @@ class StreamLink(asyncio.Protocol):
         self._endpoint.connection_made(self)
 
     def data_received(self, data: bytes) -> None:
-        """Deliver the whole packets that have come together."""
+        """Deliver all complete packets."""
         pending = self._pending
         pending += data
         while pending:
@@ -53,7 +53,7 @@ class StreamLink(asyncio.Protocol):
                 return
 
     def sendto(self, packet: bytes, _: Address) -> None:
-        """Send a packet, unless the other end takes none."""
+        """Send a packet, unless the connection is closing."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(packet)
 
@@ -66,7 +66,7 @@ async def open_stream(endpoint: Endpoint, address: Address) -> None:
     """Connect an endpoint by TCP.
 
     Raises:
-        LinkError: nobody listens there.
+        LinkError: the connection is refused or fails.
     """
     try:
         await asyncio.get_running_loop().create_connection(lambda: StreamLink(endpoint, address), *address)

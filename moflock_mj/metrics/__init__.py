@@ -1,1 +1,1 @@
-"""What is measured of a flight: order parameters, fitness, tracking, events, verdict."""
+"""Metrics of a flight: order parameters, fitness, tracking, events and verdict."""

@@ -1,4 +1,4 @@
-"""The catalogue of metrics: what each order parameter is called, measured in and drawn like, and its fitness."""
+"""Catalogue of metrics: names, units and plot styles of the order parameters, and their fitnesses."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ from typing import Any, NamedTuple
 
 
 class Metric(NamedTuple):
-    """One order parameter and the fitness that it gives.
+    """Order parameter and its fitness.
 
     Attributes:
-        key: its field in `OrderParameters`.
-        unit: as people read it; empty for a plain number.
-        label: a few words for legends.
-        colour: of its curve (Okabe and Ito 2008).
-        dashes: line style of its curve, as matplotlib takes it: solid for what should be large, broken for what should
-            be small.
-        fitness: its field in `Fitness`.
-        group: the paper's objective that the fitness is a factor of, 1 or 2.
+        key: name of the field in `OrderParameters`.
+        unit: unit for display; empty for a plain number.
+        label: short description for legends.
+        colour: colour of the curve (Okabe and Ito 2008).
+        dashes: matplotlib line style of the curve: solid if large values are better, broken if small ones are.
+        fitness: name of the field in `Fitness`.
+        group: number of the paper's objective with the fitness as a factor, 1 or 2.
         number: field number of the order parameter in the log's `/metrics`; a new metric takes the next free number.
-        fitness_number: the same of the fitness.
+        fitness_number: field number of the fitness in the log's `/metrics`.
     """
 
     key: str
@@ -50,7 +49,7 @@ METRICS = (
     Metric("disc", "drones", "disconnected", "#cc79a7", (0, (5, 2)), "disc", 2, 5, 11),
     Metric("cluster", "neighbours", "fewest neighbours", "#e69f00", "solid", "cluster", 2, 6, 12),
 )
-"""In the order of `OrderParameters`."""
+"""Metrics in the order of `OrderParameters`."""
 
 OBJECTIVES = {"F_1": 13, "F_2": 14, "F_product": 15}
-"""Field numbers of the objectives, which are products of fitnesses, in `/metrics`."""
+"""Field numbers in `/metrics` of the objectives, which are products of fitnesses."""

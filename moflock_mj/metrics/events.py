@@ -1,4 +1,4 @@
-"""Events of a flight: what a pilot would want to be told of, found in the samples."""
+"""Events of a flight (contacts, near misses, exits, faults), detected in its samples."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class FlightEvent(NamedTuple):
-    """Something worth telling: a touch, a near miss, a breach of the arena, a fault, the end of the flight.
+    """Event of a flight: a contact, a near miss, an exit from the arena, a fault, the end of the flight.
 
     Attributes:
         time_ns: simulated time, ns.
-        level: how bad it is.
-        message: one line.
-        drone: the drone it happened to, or -1.
+        level: severity.
+        message: one-line description.
+        drone: number of the affected drone, or -1.
     """
 
     time_ns: int
@@ -32,13 +32,13 @@ class FlightEvent(NamedTuple):
 def find_events(
     record: SampleBuffer, before: NDArray[np.uint8], time_ns: NDArray[np.int64], touched_with: NDArray[np.int64] | None
 ) -> list[FlightEvent]:
-    """Events of some samples, in order of time.
+    """Detect the events in consecutive samples, in order of time.
 
     Args:
         record: K samples.
-        before: (N,), the drones' status at the sample before them.
-        time_ns: (K,), their times.
-        touched_with: (N,), what each drone that touched something has touched: a drone's number, or -1, the ground.
+        before: (N,), status of the drones at the previous sample.
+        time_ns: (K,), times of the samples, ns.
+        touched_with: (N,), number of the drone in the first contact of each drone, or -1 for the ground.
     """
     status = np.vstack([before[None], record.status])
     begins = status[1:] & ~status[:-1]
@@ -47,8 +47,8 @@ def find_events(
         flags, when = int(begins[k, drone]), int(time_ns[k])
         if flags & TOUCHED and touched_with is not None:
             other = int(touched_with[drone])
-            what = "the ground" if other < 0 else f"drone {other}"
-            events.append(FlightEvent(when, "error", f"drone {drone} touched {what}", drone))
+            touched = "the ground" if other < 0 else f"drone {other}"
+            events.append(FlightEvent(when, "error", f"drone {drone} touched {touched}", drone))
         if flags & CLOSE:
             other, distance = _nearest(record.position[k], drone)
             if other > drone or not begins[k, other] & CLOSE:
@@ -60,13 +60,13 @@ def find_events(
 
 
 def fault_events(scenario: Scenario, period: float, after_ns: int, until_ns: int) -> list[FlightEvent]:
-    """Beginnings and ends of faults, in order of time.
+    """Beginnings and ends of faults within a time range, in order of time.
 
     Args:
-        scenario: says which there are.
-        period: s, of a beat.
-        after_ns: events of this time and before are left out.
-        until_ns: and so are those after this one.
+        scenario: scenario with the faults.
+        period: control interval, s.
+        after_ns: lower end of the range, exclusive, ns.
+        until_ns: upper end of the range, inclusive, ns.
     """
     events = []
     for fault in scenario.faults:
@@ -79,7 +79,7 @@ def fault_events(scenario: Scenario, period: float, after_ns: int, until_ns: int
 
 
 def _nearest(position: NDArray[np.float64], drone: int) -> tuple[int, float]:
-    """The drone nearest to another, and how far it is, m; position: (N, 3), m."""
+    """Number of the nearest drone to a drone, and its distance, m; position: (N, 3), m."""
     distance = np.linalg.norm(position - position[drone], axis=1)
     distance[drone] = np.inf
     other = int(np.argmin(distance))

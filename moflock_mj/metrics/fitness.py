@@ -1,4 +1,4 @@
-"""Fitness: each order parameter as a number between 0 and 1, larger is better."""
+"""Fitness of each order parameter, from 0 to 1; larger is better."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Fitness(NamedTuple):
     """The six fitnesses, the paper's two objectives and the product of all six; or arrays of them over time.
 
     Attributes:
-        wall, speed, corr, coll, disc, cluster: one each, in [0, 1].
+        wall, speed, corr, coll, disc, cluster: fitness of one order parameter each, in [0, 1].
         F_1: wall times speed.
         F_2: corr times coll times disc times cluster.
         product: F_1 times F_2.
@@ -33,23 +33,23 @@ class Fitness(NamedTuple):
 
 
 def rising(phi: ArrayLike, phi0: float, width: float) -> NDArray[np.float64]:
-    """The paper's F1: 0 below phi0 - width, 1 from phi0 on, half a cosine between."""
+    """F1 of the paper: 0 below phi0 - width, 1 above phi0, and half a cosine period between."""
     below = np.minimum(np.maximum((np.asarray(phi) - phi0) / width, -1), 0)
     return np.asarray((1 + np.cos(np.pi * below)) / 2)
 
 
 def gaussian(phi: ArrayLike, width: float) -> NDArray[np.float64]:
-    """The paper's F2: exp(-phi^2 / width^2)."""
+    """F2 of the paper: exp(-phi^2 / width^2)."""
     return np.exp(-((np.asarray(phi) / width) ** 2))
 
 
 def falling(phi: ArrayLike, width: float) -> NDArray[np.float64]:
-    """The paper's F3: width^2 / (phi + width)^2."""
+    """F3 of the paper: width^2 / (phi + width)^2."""
     return (width / (np.asarray(phi) + width)) ** 2
 
 
 def fitness_of(order_parameters: OrderParameters, scenario: Scenario) -> Fitness:
-    """Fitness of order parameters: floats of floats, arrays of arrays."""
+    """Fitness of order parameters, as floats from floats and as arrays from arrays."""
     phi = order_parameters
     fifth = scenario.drones / 5
     wall = gaussian(phi.wall, scenario.r_tol)

@@ -1,4 +1,4 @@
-"""The six order parameters that judge a flight, counted from true states at each sample."""
+"""The six order parameters that score a flight, computed from the true state at each sample."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class OrderParameters(NamedTuple):
         wall: mean distance beyond the wall of the drones that are beyond it, m; 0 if none is.
         vel: mean speed, m/s.
         corr: mean correlation of a drone's velocity with its neighbours', 1.
-        coll: share of the pairs that are closer than r_coll, 1.
+        coll: fraction of the pairs that are closer than r_coll, 1.
         disc: mean number of drones without a neighbour, 1.
         cluster: mean of the smallest number of neighbours, 1.
     """
@@ -38,11 +38,11 @@ class OrderParameters(NamedTuple):
 
 
 class MetricRanges(NamedTuple):
-    """Distances by which a flight is judged, m.
+    """Distances of the order parameters, m.
 
     Attributes:
-        r_cluster: two drones closer than this are neighbours.
-        r_coll: two drones closer than this collide.
+        r_cluster: distance within which two drones are neighbours.
+        r_coll: distance within which two drones collide.
     """
 
     r_cluster: float
@@ -50,16 +50,16 @@ class MetricRanges(NamedTuple):
 
 
 class MetricAccumulator(NamedTuple):
-    """Sums over the samples so far, and room to count in.
+    """Sums over the samples so far, and buffers for the latest sample.
 
     Attributes:
-        sums: (8,), samples; drone-samples outside; and the sums behind OrderParameters in its order.
-        neighbours: (N,), of the latest sample.
-        correlation: (N,), sum over the neighbours of the latest sample.
-        heading: (3, N), unit vectors along the velocities of the latest sample.
-        status: (N,), flags of the latest sample.
-        wall_distance: (W, N), m.
-        wall_normal: (W, 2, N).
+        sums: (8,), number of samples, number of drone-samples outside, and the sums of `OrderParameters` in its order.
+        neighbours: (N,), number of neighbours.
+        correlation: (N,), sum of the velocity correlations with the neighbours.
+        heading: (3, N), unit vectors along the velocities.
+        status: (N,), status flags.
+        wall_distance: (W, N), distance to each wall, m.
+        wall_normal: (W, 2, N), unit normal of each wall, inwards.
     """
 
     sums: NDArray[np.float64]
@@ -72,6 +72,7 @@ class MetricAccumulator(NamedTuple):
 
     @classmethod
     def empty(cls, drones: int, walls: int) -> MetricAccumulator:
+        """Accumulator without samples."""
         return cls(
             sums=np.zeros(2 + len(METRICS)),
             neighbours=np.zeros(drones, np.int64),
@@ -85,7 +86,7 @@ class MetricAccumulator(NamedTuple):
 
 @kernel
 def _count_walls(world: TrueState, arena: NamedTuple, accumulator: MetricAccumulator) -> tuple[float, float]:
-    """Drones beyond a wall now, and the sum of how far they are, m."""
+    """Number of drones beyond a wall, and the sum of their distances beyond it, m."""
     locate_walls(arena, world.position, accumulator.wall_distance, accumulator.wall_normal)
     outside, distance = 0.0, 0.0
     for i in range(accumulator.status.size):
@@ -102,7 +103,7 @@ def _count_walls(world: TrueState, arena: NamedTuple, accumulator: MetricAccumul
 
 @kernel
 def _count_speeds(world: TrueState, accumulator: MetricAccumulator) -> float:
-    """Sum of the speeds now, m/s; headings are left in the tally (zero for a drone at rest)."""
+    """Sum of the speeds, m/s; also writes the headings (zero for a drone at rest)."""
     vx, vy, vz = world.velocity
     total = 0.0
     for i in range(vx.size):
@@ -119,7 +120,7 @@ def _count_speeds(world: TrueState, accumulator: MetricAccumulator) -> float:
 
 @kernel
 def _count_pairs(world: TrueState, ranges: MetricRanges, accumulator: MetricAccumulator) -> tuple[int, float]:
-    """Pairs closer than r_coll, and the square of the smallest distance, m^2; each pair is measured once."""
+    """Number of pairs closer than r_coll, and smallest squared distance, m^2; also updates neighbours and status."""
     x, y, z = world.position
     ux, uy, uz = accumulator.heading
     neighbours, correlation = accumulator.neighbours, accumulator.correlation
@@ -148,17 +149,17 @@ def _count_pairs(world: TrueState, ranges: MetricRanges, accumulator: MetricAccu
 def count_sample(
     world: TrueState, arena: NamedTuple, ranges: MetricRanges, counts: bool, accumulator: MetricAccumulator
 ) -> float:
-    """Judge the true state of one moment.
+    """Add a sample of the true state to the order parameters.
 
     Args:
         world: the true state.
-        arena: where the walls are.
-        ranges: distances that tell neighbours and collisions.
-        counts: whether the sample enters the order parameters (it does not during the warm-up).
-        accumulator: counts on.
+        arena: the arena.
+        ranges: distances of neighbours and collisions.
+        counts: True if the sample enters the order parameters, False during the warm-up.
+        accumulator: sums and buffers; updated.
 
     Returns:
-        The smallest distance between two drones now, m; infinite for one drone.
+        Smallest distance between two drones, m; infinite for one drone.
     """
     drones = accumulator.status.size
     outside, depth = _count_walls(world, arena, accumulator)
@@ -187,7 +188,7 @@ def count_sample(
 
 @kernel
 def write_running(accumulator: MetricAccumulator, out: NDArray[np.float64]) -> None:
-    """Write the order parameters over the samples so far to `out`, one number a metric; zeros before the first."""
+    """Write the order parameters over the samples so far to `out`, in the order of `METRICS`; zeros without samples."""
     sums = accumulator.sums
     samples = max(sums[0], 1.0)
     out[0] = sums[2] / max(sums[1], 1.0)

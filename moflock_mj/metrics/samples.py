@@ -1,4 +1,4 @@
-"""The samples of a flight: the buffer that the flight loop writes, and the arrays that a flight keeps."""
+"""Samples of a flight: the buffer of the flight loop, and the arrays of a complete flight."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class Samples(NamedTuple):
-    """The flight as it was sampled, T times; true states.
+    """T samples of the true states of N drones.
 
     Attributes:
-        t: (T,), s.
-        position: (T, N, 3), m, world.
-        velocity: (T, N, 3), m/s, world.
-        desired_velocity: (T, N, 2), m/s, world, the command in force.
+        t: (T,), simulated time, s.
+        position: (T, N, 3), position, m, world.
+        velocity: (T, N, 3), velocity, m/s, world.
+        desired_velocity: (T, N, 2), present velocity command, m/s, world.
         status: (T, N), flags OUTSIDE, CLOSE and TOUCHED of `order_parameters`.
-        nearest: (T,), m, smallest distance between two drones.
-        order_parameters: arrays over (T,), running.
+        nearest: (T,), smallest distance between two drones, m.
+        order_parameters: running order parameters, arrays over (T,).
     """
 
     t: NDArray[np.float64]
@@ -36,23 +36,23 @@ class Samples(NamedTuple):
 
 
 def sample_times(scenario: Scenario, first: int, count: int) -> NDArray[np.int64]:
-    """Simulated times of `count` samples from number `first`, ns."""
+    """Simulated times of `count` samples from number `first` on, ns."""
     numbers = np.arange(first, first + count)
     return (numbers * round(scenario.sample_period * 1e9)).astype(np.int64)
 
 
 def final_order_parameters(record: SampleBuffer) -> OrderParameters:
-    """The order parameters up to a record's last sample."""
+    """Order parameters up to the last sample of a record."""
     return OrderParameters(*record.order_parameters[-1].tolist())
 
 
 def final_fitness(record: SampleBuffer, scenario: Scenario) -> Fitness:
-    """The fitness up to a record's last sample."""
+    """Fitness up to the last sample of a record."""
     return fitness_of(final_order_parameters(record), scenario)
 
 
 def join_samples(records: list[SampleBuffer], scenario: Scenario, first: int) -> Samples:
-    """The samples of consecutive records, counted from number `first`."""
+    """Join the samples of consecutive records, which start with sample number `first`."""
     joined = {
         name: np.concatenate([getattr(record, name) for record in records])
         for name in ("position", "velocity", "desired", "status", "nearest", "order_parameters")
@@ -69,17 +69,17 @@ def join_samples(records: list[SampleBuffer], scenario: Scenario, first: int) ->
 
 
 class SampleBuffer(NamedTuple):
-    """Room for the samples of one call: K of them, and as many whole states as a log wants (K or 0).
+    """Buffer for the K samples of one call of the flight loop, with complete states if a log needs them.
 
     Attributes:
-        position: (K, N, 3), m, world.
-        velocity: (K, N, 3), m/s, world.
-        desired: (K, 2, N), m/s, world, the command in force.
-        status: (K, N), flags.
+        position: (K, N, 3), position, m, world.
+        velocity: (K, N, 3), velocity, m/s, world.
+        desired: (K, 2, N), present velocity command, m/s, world.
+        status: (K, N), status flags.
         nearest: (K,), smallest distance between two drones, m.
-        order_parameters: (K, 6), running.
-        qpos: (K or 0, N, 7).
-        qvel: (K or 0, N, 6).
+        order_parameters: (K, 6), running order parameters.
+        qpos: (K or 0, N, 7), position (m, world) and quaternion w x y z.
+        qvel: (K or 0, N, 6), velocity (m/s, world) and body rates (rad/s, body).
     """
 
     position: NDArray[np.float64]
@@ -93,7 +93,7 @@ class SampleBuffer(NamedTuple):
 
     @classmethod
     def empty(cls, samples: int, states: int, drones: int) -> SampleBuffer:
-        """Room for `samples` samples and `states` whole states of `drones` drones."""
+        """Buffer for `samples` samples and `states` complete states of `drones` drones."""
         return cls(
             position=np.empty((samples, drones, 3)),
             velocity=np.empty((samples, drones, 3)),

@@ -1,4 +1,4 @@
-"""How well a flight was flown, as its samples tell it: of rigid bodies and point masses alike."""
+"""Tracking errors and separation of a flight, from its samples, for rigid bodies and point masses."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ class MotionFigures(NamedTuple):
     """Figures of a whole flight, from its samples.
 
     Attributes:
-        velocity_error_rms: m/s, root of the mean over drones and samples of the squared distance between the
-            horizontal velocity and the one commanded at that time. The sample of the start, when nothing is commanded
-            yet, is left out.
-        altitude_error_rms: m, root of the mean over drones and samples of the squared altitude error.
-        way: m, that all drones together have flown: their speed summed over the samples after the start.
-        separation_min: m, smallest distance between two drones; infinite for one drone.
-        outside_max: m, farthest that a drone was outside the arena; 0 if none was.
+        velocity_error_rms: root mean square over drones and samples of the difference between horizontal velocity and
+            command, m/s, without the initial sample, which has no command.
+        altitude_error_rms: root mean square of the altitude error over drones and samples, m.
+        way: distance moving by all drones together, m, as the sum of speed times sample period after the start.
+        separation_min: smallest distance between two drones, m; infinite for one drone.
+        outside_max: largest distance of a drone outside the arena, m; 0 if none was outside.
     """
 
     velocity_error_rms: float
@@ -32,11 +31,11 @@ class MotionFigures(NamedTuple):
 
 
 class MotionMeter:
-    """Sums up the records of a flight, one after the other.
+    """Accumulator of the figures over the records of a flight.
 
     Args:
-        scenario: what is flown.
-        started: whether the first record begins after the start, such as that of a resumed flight.
+        scenario: the scenario.
+        started: True if the first record begins after the start, as in a resumed flight.
     """
 
     def __init__(self, scenario: Scenario, *, started: bool = False) -> None:
@@ -47,20 +46,20 @@ class MotionMeter:
         self._nearest, self._outside = np.inf, 0.0
 
     def add(self, record: SampleBuffer) -> None:
-        """Sum up the samples of a record."""
+        """Add the samples of a record."""
         altitude = self._scenario.altitude
         self._nearest = min(self._nearest, float(record.nearest.min()))
         self._outside = max(self._outside, float(self._scenario.arena.distance_outside(record.position).max()))
-        flown = slice(0 if self._started else 1, None)
+        moving = slice(0 if self._started else 1, None)
         self._started = True
-        velocity, desired = record.velocity[flown], record.desired[flown].swapaxes(1, 2)
+        velocity, desired = record.velocity[moving], record.desired[moving].swapaxes(1, 2)
         self._drone_samples += velocity.shape[0] * velocity.shape[1]
         self._velocity_error_sq += float(np.square(velocity[..., :2] - desired).sum())
-        self._altitude_error_sq += float(np.square(record.position[flown][..., 2] - altitude).sum())
+        self._altitude_error_sq += float(np.square(record.position[moving][..., 2] - altitude).sum())
         self._speed += float(np.sqrt(np.square(velocity).sum(axis=-1)).sum())
 
     def figures(self) -> MotionFigures:
-        """Of all records until now."""
+        """Figures of all records so far."""
         count = max(self._drone_samples, 1)
         return MotionFigures(
             velocity_error_rms=sqrt(self._velocity_error_sq / count),

@@ -1,4 +1,4 @@
-"""The verdict on a point, from its rigid-body flights and the limits of the scenario."""
+"""Verdict on a point from its rigid-body flights and the acceptance limits of the scenario."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ FLYABLE, MARGINAL, UNSAFE = "flyable", "marginal", "unsafe"
 
 
 class Verdict(NamedTuple):
-    """What is thought of a point.
+    """Verdict on a point.
 
     Attributes:
         name: "flyable", "marginal" or "unsafe".
-        reason: the figure that decided; of a flyable point, the one that is nearest to its limit.
+        reason: decisive figure; for a flyable point the figure nearest to its limit.
     """
 
     name: str
@@ -26,7 +26,7 @@ class Verdict(NamedTuple):
 
 
 class _Check(NamedTuple):
-    """A figure beside its limit; `strain` is over 1 beyond the limit."""
+    """Figure in relation to its limit; `strain` is over 1 beyond the limit."""
 
     strain: float
     words: str
@@ -35,29 +35,33 @@ class _Check(NamedTuple):
 def judge(
     columns: Mapping[str, NDArray[np.float64]], failed: int, limits: AcceptanceLimits, diameter: float
 ) -> Verdict:
-    """Judge a point by its flights.
+    """Check a point against the acceptance limits.
 
     Args:
-        columns: (S,) each, figures of flights on rigid bodies by name, such as "lost"; NaN in the flights that failed.
-        failed: flights that failed.
-        limits: of the scenario.
-        diameter: m, of the airframe.
+        columns: (S,) each, figures of rigid-body flights by name, such as "lost"; NaN in failed flights.
+        failed: number of failed flights.
+        limits: acceptance limits of the scenario.
+        diameter: diameter of the airframe, m.
     """
     lost, touched = columns["lost"] > 0, columns["touched"] > 0
     flights = len(lost)
     if failed:
         return Verdict(UNSAFE, f"{failed} of {flights} flights failed")
     if lost.any():
-        return Verdict(UNSAFE, f"drones lost in {lost.sum()} of {flights} flights, {_most(columns['lost'])}")
+        return Verdict(UNSAFE, f"drones lost in {lost.sum()} of {flights} flights, {_largest_count(columns['lost'])}")
     if touched.mean() > limits.touched_flights:
-        return Verdict(UNSAFE, f"drones touched in {touched.sum()} of {flights} flights, {_most(columns['touched'])}")
+        return Verdict(
+            UNSAFE, f"drones touched in {touched.sum()} of {flights} flights, {_largest_count(columns['touched'])}"
+        )
     if touched.any():
-        return Verdict(MARGINAL, f"drones touched in {touched.sum()} of {flights} flights, {_most(columns['touched'])}")
+        return Verdict(
+            MARGINAL, f"drones touched in {touched.sum()} of {flights} flights, {_largest_count(columns['touched'])}"
+        )
     worst = max(_checks(columns, limits, diameter), key=lambda check: check.strain)
     return Verdict(MARGINAL if worst.strain > 1 else FLYABLE, worst.words)
 
 
-def _most(counts: NDArray[np.float64]) -> str:
+def _largest_count(counts: NDArray[np.float64]) -> str:
     return f"at most {int(counts.max())} in one"
 
 
@@ -70,12 +74,12 @@ def _checks(columns: Mapping[str, NDArray[np.float64]], limits: AcceptanceLimits
         _check("altitude error", columns["altitude_error_max"].max(), limits.altitude_error, "m"),
         _check("outside the arena", columns["outside_max"].max(), limits.outside, "m"),
     ]
-    if np.isfinite(separation):  # a drone alone is apart from nothing
+    if np.isfinite(separation):  # it is infinite for a single drone
         words = f"smallest separation {separation:.2g} m, limit {least:.3g} m"
         checks.insert(0, _Check(least / separation if separation > 0 else np.inf, words))
     return checks
 
 
-def _check(what: str, value: float, limit: float, unit: str) -> _Check:
+def _check(figure: str, value: float, limit: float, unit: str) -> _Check:
     strain = value / limit if limit > 0 else (np.inf if value > 0 else 0.0)
-    return _Check(float(strain), f"{what} {value:.2g} {unit}, limit {limit:.3g} {unit}")
+    return _Check(float(strain), f"{figure} {value:.2g} {unit}, limit {limit:.3g} {unit}")

@@ -1,1 +1,1 @@
-"""Named sets of a policy's parameters, their files and their bounds."""
+"""Parameter points of policies: named points, files and bounds."""

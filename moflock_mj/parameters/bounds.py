@@ -1,4 +1,4 @@
-"""Bounds of a policy's parameters, and the unit cube that the algorithms see."""
+"""Bounds of a policy's parameters, and scaling to the unit cube of the search algorithms."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from moflock_mj.files import read_limited
 from moflock_mj.parameters.points import find_policy, point_from
 
 _MAX_BYTES = 1 << 20
-"""Largest file of bounds; one has a few hundred bytes."""
+"""Largest size of a bounds file, bytes; a usual one has a few hundred."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ParameterBounds:
-    """The box in which points of a policy are searched.
+    """Bounds of the parameters of a policy in a search.
 
     Attributes:
         policy: name of the policy.
-        lower: (D,), each in its parameter's unit, in the order of the policy's parameters.
-        upper: (D,), each over its lower one.
+        lower: (D,), lower bounds in the units and the order of the policy's parameters.
+        upper: (D,), upper bounds.
 
     Raises:
-        SearchError: not D pairs of finite numbers with lower under upper, or a bound that no policy can fly.
+        SearchError: not D pairs of finite numbers with lower under upper, or a bound that the policy does not accept.
     """
 
     policy: str = DEFAULT_POLICY
@@ -54,49 +54,49 @@ class ParameterBounds:
 
     @property
     def spec(self) -> PolicySpec:
-        """The policy."""
+        """Registry entry of the policy."""
         return find_policy(self.policy)
 
     def params(self, point: Iterable[float]) -> NamedTuple:
-        """A point (D,) as parameters in the policy's own type, unchecked."""
+        """Convert a point (D,) to the parameter type of the policy, without checks."""
         return make_params(self.spec, map(float, point))
 
     def check(self, point: NamedTuple) -> None:
-        """Refuse a point of another policy, or outside of the box.
+        """Check that a point belongs to the policy and lies within the bounds.
 
         Raises:
-            SearchError: which parameter is, and by which limit.
+            SearchError: a point of another policy, or a parameter out of bounds.
         """
         if spec_of(point).name != self.policy:
-            raise SearchError(f"policy: {spec_of(point).name!r} is another than that of the bounds, {self.policy!r}")
+            raise SearchError(f"policy: {spec_of(point).name!r} is not that of the bounds: it must be {self.policy!r}")
         values = values_of(point).values()
         for name, value, low, high in zip(self.spec.names, values, self.lower, self.upper, strict=True):
             if not low <= value <= high:
                 raise SearchError(f"{name}: {value!r} is out of bounds: it must be from {low:g} to {high:g}")
 
     def to_unit(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points (..., D) as unit-cube coordinates (..., D): 0 at the lower bound, 1 at the upper."""
+        """Scale points (..., D) to unit-cube coordinates (..., D): 0 at the lower bound, 1 at the upper."""
         lower, upper = np.array(self.lower), np.array(self.upper)
         return np.asarray((np.asarray(points, np.float64) - lower) / (upper - lower))
 
     def from_unit(self, unit: ArrayLike) -> NDArray[np.float64]:
-        """Unit-cube coordinates (..., D) as points (..., D); what lies in the cube never leaves the bounds."""
+        """Scale unit-cube coordinates (..., D) to points (..., D), which stay within the bounds."""
         lower, upper = np.array(self.lower), np.array(self.upper)
         unit = np.asarray(unit, np.float64)
-        # Rounding must not carry a coordinate of 1 beyond the upper bound, nor move what lies outside the cube.
+        # A coordinate of 1 gives the upper bound exactly: rounding could exceed it.
         return np.where(unit == 1, upper, lower + unit * (upper - lower))
 
     def to_dict(self) -> dict[str, list[float]]:
-        """`{name: [lower, upper]}`, as `bounds_of` reads it."""
+        """Bounds as `{name: [lower, upper]}`, in the form of `bounds_of`."""
         pairs = zip(self.spec.names, self.lower, self.upper, strict=True)
         return {name: [low, high] for name, low, high in pairs}
 
 
 def policy_bounds(policy: str = DEFAULT_POLICY) -> ParameterBounds:
-    """The bounds that a policy comes with; for Vasarhelyi's the paper's.
+    """Default bounds of a policy; for Vasarhelyi's those of the paper.
 
     Raises:
-        PointError: there is no such policy.
+        PointError: the policy is unknown.
     """
     spec = find_policy(policy)
     return ParameterBounds(
@@ -107,10 +107,10 @@ def policy_bounds(policy: str = DEFAULT_POLICY) -> ParameterBounds:
 
 
 def bounds_of(table: Any, policy: str = DEFAULT_POLICY) -> ParameterBounds:
-    """Bounds from `{name: [lower, upper]}`; parameters that it does not name keep those of the policy.
+    """Create bounds from `{name: [lower, upper]}`; absent parameters keep the default bounds of the policy.
 
     Raises:
-        SearchError: another name, or not a pair of numbers, or see `ParameterBounds`.
+        SearchError: an unknown name, not a pair of numbers, or see `ParameterBounds`.
     """
     if not isinstance(table, Mapping):
         raise SearchError("bounds: they must be a table of pairs, such as r0_rep = [30.8, 51.0]")
@@ -127,12 +127,12 @@ def bounds_of(table: Any, policy: str = DEFAULT_POLICY) -> ParameterBounds:
 
 
 def load_bounds(path: str | Path) -> ParameterBounds:
-    """Read a TOML or JSON file of lines such as `r0_rep = [30.8, 51.0]`; see `bounds_of`.
+    """Read bounds from a TOML or JSON file with entries such as `r0_rep = [30.8, 51.0]`; see `bounds_of`.
 
-    A line such as `policy = "vasarhelyi"` names the policy.
+    An entry such as `policy = "vasarhelyi"` names the policy.
 
     Raises:
-        SearchError: the file cannot be read, or holds no bounds.
+        SearchError: the file cannot be read, or does not contain bounds.
     """
     path = Path(path)
     if path.suffix not in (".toml", ".json"):

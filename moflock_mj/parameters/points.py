@@ -1,4 +1,4 @@
-"""Points: named sets of a policy's parameters, and JSON files of them."""
+"""Parameter points: named points and JSON files."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from moflock_mj.fields import check_keys
 from moflock_mj.files import read_limited
 
 _FOLDER = Path(__file__).parent / "named_points"
-"""One file per named point, with its provenance. `make paper` writes fast, knee and cohesive, found on point masses;
-`make physics` writes steady, which is flyable on bodies. A, B and model_optimum are the paper's."""
+"""Folder with one file per named point and its source. `make paper` writes fast, knee and cohesive, optimised on point
+masses. `make physics` writes steady, which is flyable on rigid bodies. A, B and model_optimum are the paper's."""
 
 _MAX_BYTES = 1 << 20
-"""Largest file of a point; a point has a few hundred bytes."""
+"""Largest size of a point file, bytes; a usual one has a few hundred."""
 
 _MAX_SIZE = 1e6
-"""Largest size of a parameter."""
+"""Largest absolute value of a parameter."""
 
 
 def point_names() -> tuple[str, ...]:
-    """Names that `load_point` knows."""
+    """Names of the points in the package, see `load_point`."""
     return tuple(sorted((path.stem for path in _FOLDER.glob("*.json")), key=lambda name: (name.lower() != name, name)))
 
 
 def load_point(name_or_path: str | Path) -> NamedTuple:
-    """A named point, or the point of a JSON file.
+    """Load a named point, or a point from a JSON file.
 
     Example:
         >>> load_point("A").r0_rep
         33.6971443
 
     Args:
-        name_or_path: a name of `point_names`, or the path of a .json file: an object of the parameters by name, or one
-            with such an object as `params` and the name of the policy as `policy` ("vasarhelyi" if absent).
+        name_or_path: name in `point_names`, or path of a .json file: an object of the parameters by name, or one with
+            such an object as `params` and the name of the policy as `policy` ("vasarhelyi" if absent).
 
     Returns:
-        The parameters in the policy's own type, such as `NamedTuple`.
+        The parameters in the type of the policy, such as `VasarhelyiParams`.
 
     Raises:
-        PointError: no such name or file, or not a point.
+        PointError: unknown name, unreadable file, or not a point.
     """
     path = Path(name_or_path)
     if path.suffix == ".json":
@@ -59,10 +59,10 @@ def load_point(name_or_path: str | Path) -> NamedTuple:
 
 
 def find_policy(name: Any) -> PolicySpec:
-    """The policy of this name.
+    """Registry entry of the policy with this name.
 
     Raises:
-        PointError: there is none.
+        PointError: the policy is unknown.
     """
     if not isinstance(name, str) or name not in POLICIES:
         raise PointError(f"policy: {name!r} is unknown: it must be one of {', '.join(POLICIES)}")
@@ -70,7 +70,7 @@ def find_policy(name: Any) -> PolicySpec:
 
 
 def check_point(params: NamedTuple) -> NamedTuple:
-    """The parameters of a policy, checked, as floats.
+    """Check the parameters of a policy, and convert them to floats.
 
     Raises:
         PointError: not the parameters of a policy, or see `point_from`.
@@ -83,10 +83,10 @@ def check_point(params: NamedTuple) -> NamedTuple:
 
 
 def point_from(spec: PolicySpec, numbers: Iterable[Any]) -> NamedTuple:
-    """Parameters in the policy's own type, from numbers in the order of `spec.parameters`.
+    """Convert numbers in the order of `spec.parameters` to the parameter type of a policy.
 
     Raises:
-        PointError: too few or too many, not a number, not finite, too large, or outside of the policy's definition.
+        PointError: wrong count, not a number, not finite, too large, or not positive where the policy requires it.
     """
     values = tuple(numbers)
     if len(values) != len(spec.parameters):
@@ -105,10 +105,10 @@ def point_from(spec: PolicySpec, numbers: Iterable[Any]) -> NamedTuple:
 
 
 def point_from_values(spec: PolicySpec, values: Mapping[str, Any]) -> NamedTuple:
-    """Parameters in the policy's own type, from numbers by name.
+    """Convert numbers by name to the parameter type of a policy.
 
     Raises:
-        PointError: another name, a missing one, or see `point_from`.
+        PointError: an unknown or missing name, or see `point_from`.
     """
     check_keys(values, spec.names, PointError)
     missing = [name for name in spec.names if name not in values]
@@ -118,33 +118,33 @@ def point_from_values(spec: PolicySpec, values: Mapping[str, Any]) -> NamedTuple
 
 
 def with_target(params: Any, target: tuple[float, float], reach: float) -> TargetTrackingParams:
-    """A point's parameters with a target around which the flock flies.
+    """Add a target to the parameters of flocking.
 
     Args:
-        params: the parameters of flocking.
-        target: (x, y), m, world.
-        reach: m, how far from the origin x and y may be.
+        params: parameters of flocking.
+        target: (x, y) of the target, m, world.
+        reach: largest absolute value of x and y, m.
 
     Raises:
-        ScenarioError: the target is out of reach.
-        PointError: the point is of a policy that has no target.
+        ScenarioError: the target is out of bounds.
+        PointError: the policy of the point does not support a target.
     """
     for name, value in zip(("target_x", "target_y"), target, strict=True):
         if not abs(value) <= reach:
             raise ScenarioError(f"{name}: {value!r} m is out of bounds: it must be at most {reach:g} m in size")
     base: Any = check_point(params)
     if spec_of(base).name != DEFAULT_POLICY:
-        raise PointError(f"policy: {spec_of(base).name!r} has no target: it must be {DEFAULT_POLICY}")
+        raise PointError(f"policy: {spec_of(base).name!r} does not support a target: it must be {DEFAULT_POLICY}")
     return TargetTrackingParams(base, float(target[0]), float(target[1]))
 
 
 def dump_point(params: NamedTuple) -> str:
-    """The point as JSON, as `load_point` reads it."""
+    """Format a point as JSON, in the form of `load_point`."""
     return json.dumps({"policy": spec_of(params).name, "params": values_of(params)}, indent=1) + "\n"
 
 
 def parse_point(content: Any) -> NamedTuple:
-    """The point of a JSON value, see `load_point`.
+    """Create a point from a JSON value, see `load_point`.
 
     Raises:
         PointError: not a point.

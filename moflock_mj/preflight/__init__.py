@@ -1,1 +1,1 @@
-"""Pre-flight checks: whether a point, in a scenario, may be flown by a set of vehicles."""
+"""Pre-flight checks of a point, a scenario and a set of vehicles."""

@@ -1,6 +1,6 @@
-"""The live part of a pre-flight check: vehicles on their links are asked, watched, and graded one by one and together.
+"""The vehicle part of a pre-flight check: query and observe the vehicles, then check each one and the whole flock.
 
-Nothing is changed on them unless that is asked for.
+Nothing is changed on a vehicle unless `LivePlan.fix` is set.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from moflock_mj.preflight.results import FLOCK, CheckItem, CheckResult, check
 from moflock_mj.preflight.vehicle_checks import about, battery_item, link_items, readiness
 from moflock_mj.preflight.vehicle_settings import (
     VehicleSettings,
+    correct_settings,
     layer_height,
-    put_right,
     read_settings,
     requirements_of,
     return_altitude,
@@ -46,35 +46,35 @@ RATES = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
 }
-"""Hz, at the least: 2 / t_gps for positions."""
+"""Minimum rates of messages, Hz; positions come at 2 / t_gps if that is faster."""
 _ESTIMATOR = {
     "ardupilot": mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     "px4": mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
 }
 _WATCH = 6.0
-"""s, over which rates and losses are taken at the least."""
-_LOOK = 0.5
+"""Minimum time over which rates and losses are measured, s."""
+_POLL = 0.5
 _PREARM_AGAIN = 10.0
-"""s, after which a vehicle is asked again why it would not arm."""
+"""Interval of requests for the pre-arm checks, s."""
 _CLOCKS = 1.0
-"""s, by which the vehicles' clocks may differ."""
+"""Maximum difference between the vehicles' clocks, s."""
 _POSITION_ID = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LivePlan:
-    """What is looked at.
+    """Plan of the vehicle checks.
 
     Attributes:
-        scenario: to be flown.
-        connections: where the vehicles are.
-        count: how many they are; None: one on each link.
-        origin: latitude and longitude of the arena's middle; None: the mean of the vehicles' homes.
-        autopilot: what all must be, "ardupilot" or "px4"; None: either.
-        fix: whether to put right what is wrong.
-        wait: s, for estimators to become ready.
-        timeout: s, for vehicles to be heard.
-        separation: m, least distance of two vehicles on the ground.
+        scenario: scenario of the deployment.
+        connections: addresses of the vehicles.
+        count: number of vehicles; None for one on each link.
+        origin: latitude and longitude of the arena's centre, degrees; None for the mean of the vehicles' homes.
+        autopilot: autopilot that all vehicles must have, "ardupilot" or "px4"; None for either.
+        fix: whether to correct parameters and fences.
+        wait: time to wait for the estimators, s.
+        timeout: time to wait for the vehicles, s.
+        separation: minimum distance between two vehicles on the ground, m.
     """
 
     scenario: Scenario
@@ -90,14 +90,14 @@ class LivePlan:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """What was seen.
+    """Result of the vehicle checks.
 
     Attributes:
-        vehicles: that were there.
-        items: all grades but the batteries'.
-        changes: what was put right.
-        link_delay: s, one way, of the slowest link; 0 if none was measured.
-        batteries: grades each battery by the energy, J, that one drone takes, or None.
+        vehicles: the checked vehicles.
+        items: all results except the batteries'.
+        changes: changes made on vehicles.
+        link_delay: one-way delay of the slowest link, s; 0 if none was measured.
+        batteries: function that checks each battery against the energy of one drone's flight, J, or None.
     """
 
     vehicles: tuple[CheckedVehicle, ...]
@@ -108,34 +108,34 @@ class Inspection:
 
 
 StatusCallback = Callable[[str], None]
-"""Told in a few words what is being done."""
+"""Callback that receives a short description of the current step."""
 
 
 def checked_vehicle(vehicle: RemoteVehicle) -> CheckedVehicle:
-    """Who a vehicle is, for a report."""
+    """Identity of a vehicle, for a report."""
     version = vehicle.message("AUTOPILOT_VERSION")
     uid = "" if version is None else (bytes(version.uid2).hex() if any(version.uid2) else f"{version.uid:x}")
     return CheckedVehicle(system=vehicle.system, autopilot=profile_of(vehicle).name, where=vehicle.where, uid=uid)
 
 
-async def inspect(plan: LivePlan, key: SigningKey | None, told: StatusCallback = lambda _: None) -> Inspection:
-    """Look at all vehicles.
+async def inspect(plan: LivePlan, key: SigningKey | None, progress: StatusCallback = lambda _: None) -> Inspection:
+    """Connect to all vehicles and check them.
 
     Raises:
-        MoflockError: they are not all there, two share an id, one is of another autopilot, or does not take what
-            `fix` sets.
+        MoflockError: a vehicle is missing, two share a system id, one has another autopilot, or one rejects a change
+            by `fix`.
     """
-    told("listening")
+    progress("listening")
     async with vehicles_at(plan.connections, key, count=plan.count, timeout=plan.timeout) as (ground, vehicles):
         profiles = [profile_of(vehicle).name for vehicle in vehicles]
         for vehicle, profile in zip(vehicles, profiles, strict=True):
             if plan.autopilot not in (None, profile):
                 raise LinkError(f"{vehicle}: autopilot is {profile}; it must be {plan.autopilot}")
-        return await _Inspector(plan, ground, vehicles, profiles, told).look()
+        return await _Inspector(plan, ground, vehicles, profiles, progress).run()
 
 
 class _Inspector:
-    """Goes round the vehicles of one flock."""
+    """Checks of the vehicles of one flock."""
 
     def __init__(
         self,
@@ -143,42 +143,42 @@ class _Inspector:
         ground: GroundStation,
         vehicles: list[RemoteVehicle],
         profiles: list[str],
-        told: StatusCallback,
+        progress: StatusCallback,
     ) -> None:
         self._plan = plan
         self._scenario = plan.scenario.replace(drones=len(vehicles))
         self._ground = ground
         self._vehicles = vehicles
-        self._styles = profiles
-        self._told = told
+        self._profiles = profiles
+        self._progress = progress
         self._loop = asyncio.get_running_loop()
         self._positions: collections.Counter[int] = collections.Counter()
         self._clocks: dict[int, float] = {}
         self._changes: list[str] = []
 
-    async def look(self) -> Inspection:
-        """All of it, one after the other."""
-        self._told("asking for telemetry")
-        await asyncio.gather(*map(self._ask, self._vehicles, self._styles))
+    async def run(self) -> Inspection:
+        """Run all checks."""
+        self._progress("requesting telemetry")
+        await asyncio.gather(*map(self._ask, self._vehicles, self._profiles))
         self._ground.observers.append(self._count)
         await self._until_ready()
         origin = self._origin()
         if origin is None:
             items = self._readiness(None, CheckResult.FAILURE)
             return self._inspection(items, [(None, 0.0)] * len(self._vehicles))
-        # A vehicle that still had no position when it was first asked sent none; that is not its link's fault.
+        # Positions that a vehicle could not send before its first fix must not count as a slow link.
         self._positions.clear()
         began = self._loop.time()
-        self._told("reading parameters and fences")
-        settings = await self._settle(origin)
+        self._progress("reading parameters and fences")
+        settings = await self._settings(origin)
         watched = began + _WATCH - self._loop.time()
         if watched > 0:
-            self._told("watching the links")
+            self._progress("measuring the links")
             await asyncio.sleep(watched)
         seconds = self._loop.time() - began
         self._ground.check_ids()
         items = self._readiness(origin, CheckResult.FAILURE)
-        for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._styles, strict=True)):
+        for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._profiles, strict=True)):
             items += link_items(vehicle, self._scenario, self._positions[vehicle.system] / seconds)
             items += settings_items(
                 vehicle, profile, self._requirements(number, origin), settings[number], self._scenario
@@ -201,7 +201,7 @@ class _Inspector:
         )
 
     async def _ask(self, vehicle: RemoteVehicle, profile: str) -> None:
-        """A real ArduPilot sends little but HEARTBEAT until it is asked."""
+        """Request messages and rates, since a real ArduPilot sends little but HEARTBEAT unasked."""
         rates = RATES | {_ESTIMATOR[profile]: 2.0}
         rates[_POSITION_ID] = max(rates[_POSITION_ID], 2 / self._scenario.t_gps)
         await set_rates(vehicle, rates)
@@ -212,7 +212,7 @@ class _Inspector:
         await run_prearm_checks(vehicle)
 
     async def _make_armable(self, vehicle: RemoteVehicle) -> None:
-        """Let a PX4 on the ground hold, as a take-off begins: it judges for its present mode whether it would arm."""
+        """Set a PX4 on the ground to HOLD, the mode of a take-off, since its arming checks depend on its mode."""
         before, hold = vehicle.mode, PROFILES[vehicle.autopilot].modes[FlightTask.HOLD]
         if before not in PROFILES[vehicle.autopilot].taking_off:
             await set_mode(vehicle, hold)
@@ -220,8 +220,8 @@ class _Inspector:
             self._changes.append(f"{about(vehicle)}: mode: {' -> '.join(names)}")
 
     async def _until_ready(self) -> None:
-        """Wait while anything is RUNNING, at most as long as the plan allows."""
-        asked = began = self._loop.time()
+        """Wait while any check is RUNNING, at most `LivePlan.wait`."""
+        requested = began = self._loop.time()
         while self._loop.time() < began + self._plan.wait:
             running = [
                 item
@@ -230,11 +230,11 @@ class _Inspector:
             ]
             if not running:
                 return
-            who = {item.about for item in running}
-            self._told(f"{len(who)} of {len(self._vehicles)} not ready: {running[0].about}: {running[0].name}")
-            await asyncio.sleep(_LOOK)
-            if self._loop.time() - asked > _PREARM_AGAIN:
-                asked = self._loop.time()
+            waiting = {item.about for item in running}
+            self._progress(f"{len(waiting)} of {len(self._vehicles)} not ready: {running[0].about}: {running[0].name}")
+            await asyncio.sleep(_POLL)
+            if self._loop.time() - requested > _PREARM_AGAIN:
+                requested = self._loop.time()
                 await asyncio.gather(*map(self._ask_again, self._vehicles))
 
     async def _ask_again(self, vehicle: RemoteVehicle) -> None:
@@ -242,10 +242,10 @@ class _Inspector:
         await run_prearm_checks(vehicle)
 
     def _readiness(self, origin: Origin | None, running: CheckResult) -> list[CheckItem]:
-        """The vehicles' items; what still runs gets the grade `running`."""
+        """Readiness of all vehicles, with `running` as the result of unfinished checks."""
         items = [
             item
-            for vehicle, profile in zip(self._vehicles, self._styles, strict=True)
+            for vehicle, profile in zip(self._vehicles, self._profiles, strict=True)
             for item in readiness(vehicle, profile, origin, self._scenario)
         ]
         return [
@@ -260,19 +260,21 @@ class _Inspector:
     def _requirements(self, number: int, origin: Origin) -> FlightRequirements:
         return requirements_of(self._vehicles[number], number, len(self._vehicles), origin, self._scenario)
 
-    async def _settle(self, origin: Origin) -> list[VehicleSettings]:
-        """Settings of all, after they were put right if that is wished."""
+    async def _settings(self, origin: Origin) -> list[VehicleSettings]:
+        """Read the settings of all vehicles, and correct them first if `fix` is set."""
         found = await self._read(origin)
         if not self._plan.fix:
             return found
-        self._told("putting parameters and fences right")
+        self._progress("correcting parameters and fences")
         flying = [vehicle for vehicle in self._vehicles if vehicle.armed or vehicle.landed is False]
         if flying:
-            raise CommandError(f"fix: {flying[0]} is armed or flies: nothing was changed on any vehicle")
+            raise CommandError(f"fix: {flying[0]} is armed or in the air: nothing was changed on any vehicle")
         changes = await asyncio.gather(
             *(
-                put_right(vehicle, profile, self._requirements(number, origin), found[number], origin, self._scenario)
-                for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._styles, strict=True))
+                correct_settings(
+                    vehicle, profile, self._requirements(number, origin), found[number], origin, self._scenario
+                )
+                for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._profiles, strict=True))
             )
         )
         self._changes += itertools.chain.from_iterable(changes)
@@ -282,24 +284,24 @@ class _Inspector:
         return await asyncio.gather(
             *(
                 read_settings(vehicle, profile, self._requirements(number, origin), origin)
-                for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._styles, strict=True))
+                for number, (vehicle, profile) in enumerate(zip(self._vehicles, self._profiles, strict=True))
             )
         )
 
     def _flock(self, origin: Origin, settings: Sequence[VehicleSettings]) -> list[CheckItem]:
-        """What only the whole flock shows."""
+        """Checks of the whole flock."""
         places = {vehicle.system: place for vehicle in self._vehicles if (place := vehicle.position(origin))}
         arena, least = self._scenario.arena, self._plan.separation
         pairs = [
             (math.dist(a[:2], b[:2]), f"vehicles {one} and {other}")
             for (one, a), (other, b) in itertools.combinations(places.items(), 2)
         ]
-        nearest, who = min(pairs, default=(math.inf, ""))
+        nearest, pair = min(pairs, default=(math.inf, ""))
         out = float(arena.distance_outside(list(places.values())).max()) if places else math.inf
         items = [
             check(
                 "spacing on the ground", FLOCK, good=nearest >= least, value=float(nearest), unit="m",
-                limit=f"at least {least:g} m", advice=f"move {who} apart",
+                limit=f"at least {least:g} m", advice=f"move {pair} apart",
             ),
             check(
                 "all in the arena", FLOCK, good=out <= 0, value=max(out, 0.0), unit="m",
@@ -313,14 +315,14 @@ class _Inspector:
         if len(self._vehicles) < 2:
             return []
         heights = [return_altitude(found) for found in settings]
-        told = sorted(height for height in heights if height is not None)
-        gap = min((b - a for a, b in itertools.pairwise(told)), default=math.inf)
+        known = sorted(height for height in heights if height is not None)
+        gap = min((b - a for a, b in itertools.pairwise(known)), default=math.inf)
         least = 0.9 * layer_height(len(self._vehicles))
         return [
             check(
-                "return altitudes staggered", FLOCK, good=len(told) == len(heights) and gap >= least, value=float(gap),
+                "return altitudes staggered", FLOCK, good=len(known) == len(heights) and gap >= least, value=float(gap),
                 unit="m", limit=f"at least {least:.2g} m apart",
-                advice="vehicles that return cross each other's way at one height: run preflight with --fix",
+                advice="returning vehicles would cross at one altitude: run preflight with --fix",
             )
         ]  # fmt: skip
 
@@ -332,15 +334,15 @@ class _Inspector:
             return [
                 CheckItem(
                     name="one clock", about=FLOCK, result=CheckResult.WARNING, limit="SYSTEM_TIME of all",
-                    value=f"{len(offsets)} of {len(self._vehicles)} tell the time",
-                    advice="logs of the vehicles will not line up: let their GPS settle",
+                    value=f"{len(offsets)} of {len(self._vehicles)} send the time",
+                    advice="the vehicles' logs will not align: wait for their GPS",
                 )
             ]  # fmt: skip
         spread = max(offsets) - min(offsets)
         return [
             check(
                 "one clock", FLOCK, good=spread <= _CLOCKS, value=spread, unit="s", limit=f"within {_CLOCKS:g} s",
-                advice="one has another time than the others: switch it off and on under a free sky",
+                advice="the vehicles' clocks differ: power-cycle the deviating vehicle under open sky",
                 otherwise=CheckResult.WARNING,
             )
         ]  # fmt: skip
@@ -352,6 +354,6 @@ class _Inspector:
         if number == _POSITION_ID:
             self._positions[traffic.system] += 1
         elif number == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
-            told = self._ground.vehicles[traffic.system].message("SYSTEM_TIME")
-            if told is not None and told.time_unix_usec:
-                self._clocks[traffic.system] = told.time_unix_usec / 1e6 - traffic.time
+            message = self._ground.vehicles[traffic.system].message("SYSTEM_TIME")
+            if message is not None and message.time_unix_usec:
+                self._clocks[traffic.system] = message.time_unix_usec / 1e6 - traffic.time

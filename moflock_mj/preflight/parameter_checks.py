@@ -1,4 +1,4 @@
-"""The part of a pre-flight check that needs neither flight nor vehicle: the point, the scenario and their loops."""
+"""The part of a pre-flight check that needs neither flights nor vehicles: point, scenario and control loops."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from moflock_mj.errors import MoflockError
 from moflock_mj.preflight.results import FLOCK, POINT, CheckItem, CheckResult, check
 from moflock_mj.scenario.scenario import Scenario
 
-_SEARCH_ANOTHER = "choose another point: moflock pick, moflock validate"
+_OTHER_POINT = "choose another point: moflock pick, moflock validate"
 
 
 def parameter_items(params: NamedTuple, scenario: Scenario, *, link_delay: float = 0.0) -> list[CheckItem]:
@@ -30,8 +30,8 @@ def parameter_items(params: NamedTuple, scenario: Scenario, *, link_delay: float
 
     Args:
         params: the point.
-        scenario: to be flown.
-        link_delay: s, measured on the links, one way, on top of the scenario's t_del.
+        scenario: scenario of the deployment.
+        link_delay: measured one-way delay of the links, s, in addition to the scenario's t_del.
     """
     airframe = load_airframe(scenario.airframe)
     return [
@@ -44,7 +44,7 @@ def parameter_items(params: NamedTuple, scenario: Scenario, *, link_delay: float
 
 
 def _bounds(params: NamedTuple) -> list[CheckItem]:
-    """Each parameter is within the bounds of its policy; far beyond them nothing is known of the point."""
+    """Check each parameter against its bounds: a warning outside, a failure more than their width outside."""
     items, values = [], values_of(params)
     for parameter in spec_of(params).parameters:
         value, low, high = values[parameter.name], parameter.low, parameter.high
@@ -56,7 +56,7 @@ def _bounds(params: NamedTuple) -> list[CheckItem]:
                 good=beyond == 0,
                 value=value,
                 limit=f"{low:g} to {high:g}",
-                advice=f"outside the range of every search: {_SEARCH_ANOTHER}",
+                advice=f"outside the bounds of every search: {_OTHER_POINT}",
                 otherwise=CheckResult.WARNING if beyond <= high - low else CheckResult.FAILURE,
             )
         )
@@ -79,7 +79,7 @@ def _conditions(scenario: Scenario, airframe: Airframe, link_delay: float) -> Fl
 
 
 def _policy_items(params: NamedTuple, conditions: FlightConditions) -> list[CheckItem]:
-    """The checks that the policy itself brings."""
+    """The policy's own checks."""
     return [
         check(
             found.name,
@@ -96,7 +96,7 @@ def _policy_items(params: NamedTuple, conditions: FlightConditions) -> list[Chec
 
 
 def _speeds(scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
-    """The flock must be able to stop in the arena, and to fly at its cruise speed."""
+    """Check that the flock can stop within the arena and fly at its cruise speed."""
     hardest = min(scenario.a_max, maximum_horizontal_force(airframe, scenario.tilt_max))
     stopping = scenario.v_max * (scenario.tau + scenario.t_gps) + scenario.v_max**2 / (2 * hardest)
     quarter = min(scenario.arena.extent()) / 2
@@ -117,13 +117,13 @@ def _speeds(scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
             value=scenario.v_flock,
             limit=f"v_flock at most v_max, {scenario.v_max:g} m/s",
             unit="m/s",
-            advice="raise v_max or lower v_flock: the cruise speed is above the largest one",
+            advice="raise v_max or lower v_flock: the cruise speed exceeds the maximum speed",
         ),
     ]
 
 
 def _strength(scenario: Scenario, airframe: Airframe) -> CheckItem:
-    """Whether the airframe holds wind, drag and its battery."""
+    """Check that the airframe can withstand wind and drag, and lift its battery."""
     try:
         check_feasible(scenario, airframe, make_drag(scenario, airframe), make_battery(scenario, airframe))
     except MoflockError as problem:
@@ -132,7 +132,7 @@ def _strength(scenario: Scenario, airframe: Airframe) -> CheckItem:
             about=FLOCK,
             result=CheckResult.FAILURE,
             value=str(problem),
-            advice="wait for less wind, charge, or use a stronger airframe",
+            advice="wait for less wind, charge the battery, or use a stronger airframe",
         )
     push = maximum_horizontal_force(airframe, scenario.tilt_max)
     return CheckItem(
@@ -146,7 +146,7 @@ def _strength(scenario: Scenario, airframe: Airframe) -> CheckItem:
 
 
 def _loops(scenario: Scenario, airframe: Airframe) -> list[CheckItem]:
-    """Margins of the airframe's own loops."""
+    """Check the stability margins of the airframe's control loops."""
     try:
         design = design_gains(
             airframe,

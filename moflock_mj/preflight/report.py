@@ -1,7 +1,7 @@
-"""The signed-off report of a pre-flight check: a JSON file with every value, which a deployment asks for.
+"""The signed-off report of a pre-flight check: a JSON file with every value, which a deployment requires.
 
-A digest over the whole content is its seal, so that an edited report is refused. With a key, that of the links, the
-seal proves that somebody wrote it who has the key; without one it guards against mistakes alone.
+A digest of the whole content is its seal, so that an edited report is refused. With the key of the links, the seal
+proves that the report was written by a holder of the key; without a key it only guards against mistakes.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from moflock_mj.preflight.results import CheckItem, CheckResult
 from moflock_mj.scenario.scenario import Scenario
 
 AGE_MAX = 3600.0
-"""s, after which a report is too old for a deployment: batteries, wind and satellites are not what they were."""
+"""Maximum age of a report, s, since batteries, wind and satellites change."""
 _LARGEST_FILE = 16 << 20
-"""Bytes; 250 vehicles with 40 items each take some 2 MB."""
+"""Maximum size, bytes; 250 vehicles with 40 items each take about 2 MB."""
 _CLOCKS_APART = 60.0
-"""s by which a report may come from the future: another machine may have written it."""
+"""Maximum time by which a report may be ahead of this machine's clock, s: another machine can have written it."""
 _PREFIX = "preflight-"
 
 
@@ -41,10 +41,10 @@ class CheckedVehicle(BaseModel):
     """A vehicle that was checked.
 
     Attributes:
-        system: its system id.
+        system: system id.
         autopilot: "ardupilot" or "px4".
-        where: its address.
-        uid: what its AUTOPILOT_VERSION calls its hardware, or empty.
+        where: address.
+        uid: hardware id of AUTOPILOT_VERSION, or empty.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -56,20 +56,21 @@ class CheckedVehicle(BaseModel):
 
 
 class Report(BaseModel):
-    """What was checked and found.
+    """Report of a pre-flight check.
 
     Attributes:
-        time: when it ended, UTC.
-        signed_off_by: who answers for it.
-        version: of moflock-mj.
-        commit: of its source, or empty.
-        point: the 12 parameters by name.
-        point_name: what the point was called.
-        scenario: whole, as `Scenario.to_dict` has it.
-        seeds: of the flights that were flown.
-        vehicles: by system id; empty for a report without the live part.
-        items: all checks.
-        changes: what was changed on vehicles, one line each.
+        time: time at which the check ended, UTC.
+        signed_off_by: person responsible for the report.
+        version: version of moflock-mj.
+        commit: commit of its source, or empty.
+        policy: name of the policy.
+        point: parameters of the policy, by name.
+        point_name: name of the point.
+        scenario: the whole scenario, in the form of `Scenario.to_dict`.
+        seeds: seeds of the simulated flights.
+        vehicles: checked vehicles, by system id; empty for a check without vehicles.
+        items: all check results.
+        changes: changes made on vehicles, one line each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -97,7 +98,7 @@ class Report(BaseModel):
 
     @property
     def verdict(self) -> CheckResult:
-        """The worst of all items."""
+        """The worst result of all items."""
         return CheckResult.worst(item.result for item in self.items)
 
     def params(self) -> NamedTuple:
@@ -106,10 +107,10 @@ class Report(BaseModel):
 
 
 def write_report(report: Report, path: Path, key: SigningKey | None = None) -> None:
-    """Write a report, sealed.
+    """Write a sealed report.
 
     Raises:
-        MoflockError: it cannot be written.
+        MoflockError: the file cannot be written.
     """
     content = report.model_dump(mode="json")
     sealed = content | {"verdict": report.verdict, "seal": _seal(content, key), "sealed_with_key": key is not None}
@@ -118,14 +119,14 @@ def write_report(report: Report, path: Path, key: SigningKey | None = None) -> N
 
 
 def read_report(path: Path, key: SigningKey | None = None) -> Report:
-    """Read a report, as a file from anywhere, and check its seal.
+    """Read a report, which is untrusted input, and check its seal.
 
     Args:
-        path: what `write_report` wrote.
-        key: the one that it was sealed with; None, and any key's seal but none without a key is refused.
+        path: file written by `write_report`.
+        key: key with which the report must be sealed; None for a report that must be sealed without a key.
 
     Raises:
-        ReportError: it cannot be read, is none, was edited, or is sealed with another key.
+        ReportError: the file cannot be read, is not a report, was edited, or is sealed with another key.
     """
     try:
         content = json.loads(_text_of(path))
@@ -143,12 +144,12 @@ def read_report(path: Path, key: SigningKey | None = None) -> Report:
     except (ValueError, RecursionError) as problem:
         raise ReportError(f"report {path}: not JSON: {problem}") from None
     if keyed is not (key is not None):
-        has, requirements = ("a", "none was given") if keyed else ("no", "it must be sealed with the links' key")
-        raise ReportError(f"report {path}: it is sealed with {has} key: {requirements}")
+        sealed = "with a key: none was given" if keyed else "without a key: it must be sealed with the links' key"
+        raise ReportError(f"report {path}: it is sealed {sealed}")
     if not isinstance(seal, str) or not hmac.compare_digest(ascii(seal), ascii(_seal(content, key))):
         raise ReportError(f"report {path}: its seal is broken: it was edited, or sealed with another key")
     if verdict != report.verdict:
-        raise ReportError(f"report {path}: verdict: {verdict!r} is not that of its items, {report.verdict}")
+        raise ReportError(f"report {path}: verdict: {verdict!r} contradicts its items: it must be {report.verdict}")
     return report
 
 
@@ -164,30 +165,30 @@ def refuse_unless_fit(
     """Refuse a report that does not allow this deployment.
 
     Args:
-        report: as read.
-        params: the point to be flown.
-        scenario: to be flown.
-        vehicles: that are there; where they are may have changed since, who they are not.
-        now: aware of its time zone.
-        age_max: s.
+        report: the report.
+        params: point of the deployment.
+        scenario: scenario of the deployment.
+        vehicles: connected vehicles; their addresses may differ from the report's, their identities may not.
+        now: current time, with its time zone.
+        age_max: maximum age of the report, s.
 
     Raises:
-        ReportError: it is of another point, scenario or set of vehicles, or too old.
-        CheckFailedError: it is of this deployment, and something failed.
+        ReportError: the report is for another point, scenario or set of vehicles, or too old.
+        CheckFailedError: the report is for this deployment, and a check failed.
     """
     if report.params() != params:
         if report.policy != spec_of(params).name:
             raise ReportError(f"report: of another policy: {report.policy}, not {spec_of(params).name}")
-        asked = values_of(params)
-        name = next(name for name, value in asked.items() if report.point[name] != value)
-        raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {asked[name]:g}")
+        values = values_of(params)
+        name = next(name for name, value in values.items() if report.point[name] != value)
+        raise ReportError(f"report: of another point: {name} is {report.point[name]:g}, not {values[name]:g}")
     _refuse_other_scenario(report, scenario)
     if not report.vehicles:
-        raise ReportError("report: without a live part: preflight must have seen the vehicles (--vehicles)")
-    checked, there = ({(v.system, v.autopilot, v.uid) for v in group} for group in (report.vehicles, vehicles))
-    if checked != there:
-        ids = [", ".join(str(v[0]) for v in sorted(group)) or "none" for group in (checked, there)]
-        raise ReportError(f"report: of other vehicles: system ids {ids[0]} were checked, {ids[1]} are there")
+        raise ReportError("report: without vehicles: preflight must have checked them (--vehicles)")
+    checked, connected = ({(v.system, v.autopilot, v.uid) for v in group} for group in (report.vehicles, vehicles))
+    if checked != connected:
+        ids = [", ".join(str(v[0]) for v in sorted(group)) or "none" for group in (checked, connected)]
+        raise ReportError(f"report: of other vehicles: system ids {ids[0]} were checked, {ids[1]} are connected")
     age = (now - report.time).total_seconds()
     if not -_CLOCKS_APART <= age <= age_max:
         raise ReportError(f"report: {age:.0f} s old: it must be at most {age_max:g} s")
@@ -195,10 +196,10 @@ def refuse_unless_fit(
 
 
 def reports_in(folder: Path) -> list[Path]:
-    """The reports of a folder, the newest first, by the time in their names.
+    """The reports of a folder, newest first, by the time in their names.
 
     Raises:
-        ReportError: there is none.
+        ReportError: the folder has none.
     """
     found = sorted(folder.glob(f"{_PREFIX}*.json"), reverse=True)
     if not found:
@@ -207,7 +208,7 @@ def reports_in(folder: Path) -> list[Path]:
 
 
 def default_path(folder: Path, point_name: str, time: datetime.datetime) -> Path:
-    """Where a report goes unless it is told."""
+    """Path of a report if none is given."""
     name = "".join(letter if letter.isalnum() else "_" for letter in point_name)
     return folder / f"{_PREFIX}{time.astimezone(datetime.UTC):%Y%m%d-%H%M%S}-{name}.json"
 
@@ -221,7 +222,7 @@ def signer() -> str:
 
 
 def _text_of(path: Path) -> str:
-    # Without O_NONBLOCK a named pipe would keep us waiting for somebody to write into it.
+    # Without O_NONBLOCK, opening a named pipe would block until a writer opens it.
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise ReportError(f"report {path}: it must be a regular file")

@@ -1,8 +1,8 @@
-"""Parameters that a vehicle must have to fly in a flock: what they must be, and what `--fix` makes them.
+"""Autopilot parameters that a flock requires: their allowed values, and the values that `--fix` sets.
 
-Names and values as ArduCopter 4.7 (https://ardupilot.org/copter/docs/parameters.html) and PX4 1.17
-(https://docs.px4.io/main/en/advanced_config/parameter_reference.html) have them. ArduCopter 4.7 has given new names and
-SI units to many of 4.6 (https://ardupilot.org/copter/docs/common-param-name-changes.html): those stand here both ways.
+Names and values are those of ArduCopter 4.7 (https://ardupilot.org/copter/docs/parameters.html) and PX4 1.17
+(https://docs.px4.io/main/en/advanced_config/parameter_reference.html). ArduCopter 4.7 renamed many parameters of 4.6
+and changed them to SI units (https://ardupilot.org/copter/docs/common-param-name-changes.html): both forms are listed.
 """
 
 from __future__ import annotations
@@ -16,22 +16,27 @@ from moflock_mj.mavlink.dialect import GROUND_SYSTEM
 from moflock_mj.preflight.results import CheckResult
 
 _JERK = 20.0
-"""m/s^3. PX4's own modes begin with the acceleration that the vehicle has, noise included, and let it fade by this much
-a second. Measured from 6 m/s in turns: with its default of 4 up to 16 m/s and 72 m until it stood, with 20 8 m/s and
-11 m."""
+"""Jerk limit, m/s^3. PX4's own modes begin with the measured acceleration, noise included, and reduce it at this rate.
+Measured when stopping from 6 m/s in turns: with the default of 4, up to 16 m/s and 72 m until standstill; with 20,
+8 m/s and 11 m."""
 _DRIFT = 10.0
-"""m, by which a fence about the home is set wider than it must be: an autopilot's home moves with its GPS's error."""
+"""Extra radius of a fence around the home, m, since the home moves with the GPS error."""
+
+
+_CONTINUES = "it continues after loss of the ground station"
+_LATE = "it detects loss of the ground station too late"
+_EMPTY = "it flies until its battery is empty"
 
 
 class FlightRequirements(NamedTuple):
-    """What the flight asks of one vehicle.
+    """Requirements of the flight on one vehicle.
 
     Attributes:
-        speed: m/s.
-        acceleration: m/s^2.
-        radius: m, from its home to the farthest corner of the arena, and the fence's margin.
-        top: m, above home, lowest that its fence may end.
-        return_altitude: m, above home, at which it returns; no other vehicle has the same.
+        speed: maximum speed, m/s.
+        acceleration: maximum acceleration, m/s^2.
+        radius: distance from home to the farthest corner of the arena plus the fence margin, m.
+        top: minimum altitude of the fence's top above home, m.
+        return_altitude: return altitude above home, m, different for each vehicle.
     """
 
     speed: float
@@ -42,16 +47,16 @@ class FlightRequirements(NamedTuple):
 
 
 class RequiredParameter(NamedTuple):
-    """What is wanted of a parameter.
+    """Requirement on one parameter.
 
     Attributes:
-        name: of the parameter.
-        holds: whether a value will do.
-        value: what `--fix` sets.
-        limit: in words.
-        why: what happens otherwise.
-        otherwise: grade of another value.
-        missing: grade if the vehicle has no such parameter.
+        name: name of the parameter.
+        holds: function that returns whether a value is allowed.
+        value: value that `--fix` sets.
+        limit: allowed values, in words.
+        why: consequence of another value.
+        otherwise: result for another value.
+        missing: result if the vehicle does not have the parameter.
     """
 
     name: str
@@ -64,18 +69,21 @@ class RequiredParameter(NamedTuple):
 
 
 Spellings = tuple[RequiredParameter, ...]
-"""One parameter in the names and units of several firmwares: it goes by the first that the vehicle knows."""
+"""One parameter in the names and units of several firmware versions; the first that the vehicle has is used."""
 
 
 def required_parameters(autopilot: str, requirements: FlightRequirements) -> list[Spellings]:
-    """Of "ardupilot" or "px4", in the order in which they are set: a fence is switched on when it is right."""
+    """Required parameters of "ardupilot" or "px4" in the order of setting, so that a fence is enabled last."""
     return {"ardupilot": _of_ardupilot, "px4": _of_px4}[autopilot](requirements)
 
 
 def _of_ardupilot(requirements: FlightRequirements) -> list[Spellings]:
     tilt = math.ceil(math.degrees(math.atan(requirements.acceleration / GRAVITY)) + 5)
-    slow, gentle = "it cannot fly as fast as the flock", "it turns more slowly than what was validated"
-    upright, cannot_receive = "it cannot accelerate as what was validated", "its failsafe heeds somebody else"
+    slow, gentle = "it cannot fly as fast as the flock", "it turns more slowly than in the simulation"
+    upright, other_station = (
+        "it cannot accelerate as in the simulation",
+        "its failsafe watches another ground station",
+    )
     return [
         (
             _at_least("WP_SPD", requirements.speed, "m/s", slow),
@@ -90,27 +98,38 @@ def _of_ardupilot(requirements: FlightRequirements) -> list[Spellings]:
             _at_least("ANGLE_MAX", tilt * 100, "cdeg", upright),
         ),
         (
-            _one_of("MAV_GCS_SYSID", (GROUND_SYSTEM,), "our system id", cannot_receive),
-            _one_of("SYSID_MYGCS", (GROUND_SYSTEM,), "our system id", cannot_receive),
+            _one_of("MAV_GCS_SYSID", (GROUND_SYSTEM,), "the system id of this ground station", other_station),
+            _one_of("SYSID_MYGCS", (GROUND_SYSTEM,), "the system id of this ground station", other_station),
         ),
-        (_one_of("FS_GCS_ENABLE", (5, 7, 1), "5 land, 7 brake or land, 1 return", "it flies on without us"),),
-        (_between("FS_GCS_TIMEOUT", 2, 10, 5, "s", "it notices too late that we are gone"),),
-        (_between("GUID_TIMEOUT", 0.5, 3, 3, "s", "it flies on for long on its last setpoint"),),
         (
             _one_of(
-                "BATT_FS_LOW_ACT", (1, 2, 3, 4), "1 land, 2 to 4 return", "it flies until it falls", CheckResult.WARNING
+                "FS_GCS_ENABLE",
+                (5, 7, 1),
+                "5 land, 7 brake or land, 1 return",
+                _CONTINUES,
             ),
         ),
-        (_at_least("FENCE_ALT_MAX", requirements.top, "m", "its fence ends below its way"),),
+        (_between("FS_GCS_TIMEOUT", 2, 10, 5, "s", _LATE),),
+        (_between("GUID_TIMEOUT", 0.5, 3, 3, "s", "it follows its last setpoint for too long"),),
+        (
+            _one_of(
+                "BATT_FS_LOW_ACT",
+                (1, 2, 3, 4),
+                "1 land, 2 to 4 return",
+                _EMPTY,
+                CheckResult.WARNING,
+            ),
+        ),
+        (_at_least("FENCE_ALT_MAX", requirements.top, "m", "its fence ends below its flight altitude"),),
         (_at_least("FENCE_RADIUS", requirements.radius, "m", "its fence ends within the arena", _DRIFT),),
-        (_one_of("FENCE_ACTION", (1, 2, 3, 4, 5), "1 to 5, anything but a report", "it flies through its fence"),),
+        (_one_of("FENCE_ACTION", (1, 2, 3, 4, 5), "1 to 5, any action but a report", "it flies through its fence"),),
         (
             RequiredParameter(
                 "FENCE_TYPE",
                 lambda value: bool(int(value) & 1 and int(value) & 6),
                 7,
-                "a roof (1) and a circle (2) or polygon (4)",
-                "its fence is open",
+                "a maximum altitude (1) and a circle (2) or polygon (4)",
+                "its fence is not closed",
             ),
         ),
         (_one_of("FENCE_ENABLE", (1,), "1", "it has no fence", missing=CheckResult.FAILURE),),
@@ -126,20 +145,29 @@ def _of_px4(requirements: FlightRequirements) -> list[Spellings]:
     wanted = [
         _at_least("MPC_XY_VEL_MAX", requirements.speed, "m/s", "it cannot fly as fast as the flock"),
         # PX4 refuses an MPC_ACC_HOR above MPC_ACC_HOR_MAX.
-        _at_least(
-            "MPC_ACC_HOR_MAX", requirements.acceleration, "m/s^2", "it turns more slowly than what was validated"
+        _at_least("MPC_ACC_HOR_MAX", requirements.acceleration, "m/s^2", "it turns more slowly than in the simulation"),
+        _at_least("MPC_ACC_HOR", requirements.acceleration, "m/s^2", "it turns more slowly than in the simulation"),
+        _at_least("MPC_JERK_AUTO", _JERK, "m/s^3", "it first accelerates and flies far before it holds"),
+        _at_least("MPC_TILTMAX_AIR", math.ceil(tilt + 5), "deg", "it cannot accelerate as in the simulation"),
+        _one_of("NAV_DLL_ACT", (3, 1, 2), "3 land, 1 hold, 2 return", _CONTINUES),
+        _between("COM_DL_LOSS_T", 2, 15, 10, "s", _LATE),
+        _one_of("COM_OBL_RC_ACT", (5, 4), "5 hold, 4 land", "it does not hold or land when setpoints stop"),
+        _between("COM_OF_LOSS_T", 0.3, 2, 1, "s", "it follows its last setpoint for too long"),
+        _one_of(
+            "COM_LOW_BAT_ACT",
+            (2, 3),
+            "2 land, 3 return or land",
+            _EMPTY,
+            CheckResult.WARNING,
         ),
-        _at_least("MPC_ACC_HOR", requirements.acceleration, "m/s^2", "it turns more slowly than what was validated"),
-        _at_least("MPC_JERK_AUTO", _JERK, "m/s^3", "told to hold, it first flies on, faster and far"),
-        _at_least("MPC_TILTMAX_AIR", math.ceil(tilt + 5), "deg", "it cannot accelerate as what was validated"),
-        _one_of("NAV_DLL_ACT", (3, 1, 2), "3 land, 1 hold, 2 return", "it flies on without us"),
-        _between("COM_DL_LOSS_T", 2, 15, 10, "s", "it notices too late that we are gone"),
-        _one_of("COM_OBL_RC_ACT", (5, 4), "5 hold, 4 land", "the flock returns to one place when setpoints stop"),
-        _between("COM_OF_LOSS_T", 0.3, 2, 1, "s", "it flies on for long on its last setpoint"),
-        _one_of("COM_LOW_BAT_ACT", (2, 3), "2 land, 3 return or land", "it flies until it falls", CheckResult.WARNING),
-        _at_least("GF_MAX_VER_DIST", requirements.top, "m", "its fence has no roof, or ends below its way"),
         _at_least(
-            "GF_MAX_HOR_DIST", requirements.radius, "m", "it has no fence, or one that ends within the arena", _DRIFT
+            "GF_MAX_VER_DIST",
+            requirements.top,
+            "m",
+            "its fence has no maximum altitude, or ends below its flight altitude",
+        ),
+        _at_least(
+            "GF_MAX_HOR_DIST", requirements.radius, "m", "it has no fence, or its fence ends within the arena", _DRIFT
         ),
         _one_of(
             "GF_ACTION",
@@ -154,7 +182,7 @@ def _of_px4(requirements: FlightRequirements) -> list[Spellings]:
 
 
 RETURN_ALTITUDE: Mapping[str, float] = {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01, "RTL_RETURN_ALT": 1.0}
-"""m in the unit of each name that it has."""
+"""Parameters of the return altitude, and the unit of each in m."""
 
 
 def _at_least(name: str, least: float, unit: str, why: str, spare: float = 0.0) -> RequiredParameter:
@@ -178,5 +206,5 @@ def _one_of(
 
 
 def _near(name: str, value: float, unit: str) -> RequiredParameter:
-    """A return altitude; whether all differ is a matter of the flock, and this is what makes them differ."""
+    """A return altitude, which `--fix` sets but only the check of the whole flock evaluates."""
     return RequiredParameter(name, lambda _: True, value, f"{value:g} {unit} would stagger the flock", "")

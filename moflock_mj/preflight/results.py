@@ -1,4 +1,4 @@
-"""Grades of checks, as Skybrush gives them: the worst of the parts is that of the whole."""
+"""Results of checks, in the scale of Skybrush: the result of the whole is the worst of its parts."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Iterable
 from pydantic import BaseModel, ConfigDict
 
 POINT, FLOCK = "point", "flock"
-"""What an item can be about besides a vehicle."""
+"""Subjects of a check other than a vehicle."""
 
 
 class CheckResult(enum.StrEnum):
-    """From the best to the worst.
+    """Result of a check, from the best to the worst.
 
-    A soft failure may mend itself, such as a satellite too few; a failure wants somebody to do something; an error is a
-    check that could not be made.
+    A soft failure can pass later without action, such as one satellite too few; a failure requires action; an error is
+    a check that could not be made.
     """
 
     OFF = "off"
@@ -28,27 +28,27 @@ class CheckResult(enum.StrEnum):
 
     @property
     def is_good(self) -> bool:
-        """Whether one may fly with it."""
+        """Whether the result allows a flight."""
         return self in (CheckResult.OFF, CheckResult.PASS, CheckResult.WARNING)
 
     @classmethod
-    def worst(cls, grades: Iterable[CheckResult]) -> CheckResult:
-        """Of all, that of the whole; OFF if there are none."""
+    def worst(cls, results: Iterable[CheckResult]) -> CheckResult:
+        """The worst of the results; OFF if there are none."""
         order = list(cls)
-        return max(grades, key=order.index, default=cls.OFF)
+        return max(results, key=order.index, default=cls.OFF)
 
 
 class CheckItem(BaseModel):
-    """One check.
+    """One check and its result.
 
     Attributes:
-        name: of what was checked.
-        about: the point, the flock, or the vehicle: "point", "flock", "vehicle 3".
-        result: of it.
-        value: what was measured, or None.
-        limit: what it must be, in words with units.
-        unit: of the value.
-        advice: what to do about it; empty if nothing is to be done.
+        name: name of the checked quantity.
+        about: subject: "point", "flock", or a vehicle such as "vehicle 3".
+        result: result of the check.
+        value: measured value, or None.
+        limit: limit in words, with its unit.
+        unit: unit of the value.
+        advice: remedy; empty if none is needed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -73,7 +73,7 @@ def check(
     advice: str,
     otherwise: CheckResult = CheckResult.FAILURE,
 ) -> CheckItem:
-    """An item that passes, or is graded `otherwise` with advice."""
+    """Make an item that passes if `good`, else has the result `otherwise` and the advice."""
     return CheckItem(
         name=name,
         about=about,

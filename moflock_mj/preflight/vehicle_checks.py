@@ -1,6 +1,6 @@
-"""What one vehicle says of itself, graded: link, arming checks, sensors, GPS, estimator, home, battery, state.
+"""Checks of one vehicle's telemetry: link, arming checks, sensors, GPS, estimator, home, battery, state.
 
-Thresholds are those that ArduPilot, PX4 and their ground stations use; see the arguments' units.
+Thresholds are those of ArduPilot, PX4 and their ground stations.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from moflock_mj.preflight.results import CheckItem, CheckResult, check
 from moflock_mj.scenario.scenario import Scenario
 
 SILENT = 5.0
-"""s without a heartbeat, after which a link counts as lost."""
+"""Maximum age of the last heartbeat of a live link, s."""
 _STALE = 4.0
-"""s, oldest message that is taken for the present."""
+"""Maximum age of a current message, s."""
 _SATELLITES = 6
 _HDOP = 1.4
 _H_ACC = {"ardupilot": 5.0, "px4": 3.0}
@@ -26,13 +26,13 @@ _VEL_ACC = {"ardupilot": 1.0, "px4": 0.5}
 _VARIANCE = 0.8
 _ACCURACY = 5.0
 _AWAY = 10.0
-"""m, from the home to where the vehicle stands."""
+"""Maximum distance of the vehicle from its home, m."""
 _LOSS = 0.05
-"""Share of packets that a link may lose, if the scenario was not validated with more."""
+"""Maximum share of lost packets, unless the scenario has a larger one."""
 _RESERVE = 0.2
-"""Share of the battery that is left at the end."""
+"""Minimum share of charge at the end of the flight."""
 _UNKNOWN_NEED = 0.5
-"""Share of the battery that a vehicle of unknown capacity must have."""
+"""Minimum share of charge at the start for a battery of unknown capacity."""
 
 _PREARM = int(mavlink.MAV_SYS_STATUS_PREARM_CHECK)
 _NOT_SENSORS = _PREARM | int(mavlink.MAV_SYS_STATUS_GEOFENCE) | int(mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER)
@@ -40,7 +40,7 @@ _GLITCH, _CONSTANT_POSITION = 0x400, 0x80
 _POSITIONED = 0x1 | 0x2 | 0x10
 """Attitude, horizontal velocity, absolute horizontal position; the two messages agree in these flags."""
 _BY_GPS = 0x200
-"""Absolute horizontal position is predicted, as PX4 says while its estimator takes the GPS's."""
+"""Predicted absolute horizontal position: PX4 sets it while its estimator uses GPS."""
 
 
 def about(vehicle: RemoteVehicle) -> str:
@@ -48,15 +48,13 @@ def about(vehicle: RemoteVehicle) -> str:
 
 
 def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, scenario: Scenario) -> list[CheckItem]:
-    """Everything that a vehicle tells unasked or at the rates that it was asked for.
-
-    What is not there yet, and may come, is RUNNING.
+    """Check the telemetry of a vehicle; a value that is missing but can still arrive is RUNNING.
 
     Args:
-        vehicle: as heard.
+        vehicle: the vehicle.
         autopilot: "ardupilot" or "px4".
-        origin: of the world; None while no home is known.
-        scenario: to be flown.
+        origin: origin of the world frame; None while a home is unknown.
+        scenario: scenario of the deployment.
     """
     return [
         _link(vehicle),
@@ -70,28 +68,30 @@ def readiness(vehicle: RemoteVehicle, autopilot: str, origin: Origin | None, sce
 
 
 def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float) -> list[CheckItem]:
-    """How good its link is, after some seconds.
+    """Check the quality of a vehicle's link, measured over some seconds.
 
     Args:
-        vehicle: as heard.
-        scenario: with the delay, the loss and the rate that the point was validated for.
-        position_rate: Hz, of GLOBAL_POSITION_INT as it came.
+        vehicle: the vehicle.
+        scenario: scenario, with the delay, loss and rate for which the point was validated.
+        position_rate: measured rate of GLOBAL_POSITION_INT, Hz.
     """
-    trip, who = vehicle.link.round_trip, about(vehicle)
+    trip, subject = vehicle.link.round_trip, about(vehicle)
     loss_max = max(scenario.packet_loss_ratio, _LOSS)
     return [
         check(
-            "link's round trip", who, good=trip <= scenario.t_del or (trip < 0.05), value=1e3 * trip, unit="ms",
-            limit=f"at most t_del, {1e3 * scenario.t_del:g} ms", advice="a better radio, or a point for longer delays",
+            "link's round trip", subject, good=trip <= scenario.t_del or (trip < 0.05), value=1e3 * trip, unit="ms",
+            limit=f"at most t_del, {1e3 * scenario.t_del:g} ms",
+            advice="use a better radio, or a point for longer delays",
         ),
         check(
-            "link's loss", who, good=vehicle.link.loss <= loss_max, value=100 * vehicle.link.loss, unit="%",
-            limit=f"at most {100 * loss_max:g} %", advice="a better radio, antennas apart, or fewer messages",
+            "link's loss", subject, good=vehicle.link.loss <= loss_max, value=100 * vehicle.link.loss, unit="%",
+            limit=f"at most {100 * loss_max:g} %",
+            advice="use a better radio, separate the antennas, or request fewer messages",
         ),
         check(
-            "rate of positions", who, good=position_rate >= 0.9 / scenario.t_gps, value=position_rate, unit="Hz",
-            limit=f"at least {1 / scenario.t_gps:g} Hz, one each t_gps",
-            advice="let the radio carry more: SERIALn_BAUD, MAV_0_RATE",
+            "rate of positions", subject, good=position_rate >= 0.9 / scenario.t_gps, value=position_rate, unit="Hz",
+            limit=f"at least {1 / scenario.t_gps:g} Hz, one per t_gps",
+            advice="raise the link's data rate: SERIALn_BAUD, MAV_0_RATE",
         ),
     ]  # fmt: skip
 
@@ -99,13 +99,13 @@ def link_items(vehicle: RemoteVehicle, scenario: Scenario, position_rate: float)
 def battery_item(
     vehicle: RemoteVehicle, capacity: float | None, energy: float | None, *, low: float = 0.0
 ) -> CheckItem:
-    """Whether the battery is enough for the flight and a reserve.
+    """Check that the charge suffices for the flight and a reserve.
 
     Args:
-        vehicle: as heard.
-        capacity: mAh, of the full battery, as its parameters tell; None or 0: unknown.
-        energy: J, that one drone took in the flights that were flown; None if none were.
-        low: share of the charge at which its own failsafe acts.
+        vehicle: the vehicle.
+        capacity: capacity of the full battery from the vehicle's parameters, mAh; None or 0 if unknown.
+        energy: energy of one drone in the simulated flights, J; None if there were none.
+        low: share of charge at which the vehicle's own failsafe acts.
     """
     status = vehicle.message("SYS_STATUS")
     volts = status.voltage_battery / 1e3 if status is not None and 0 < status.voltage_battery < 65535 else None
@@ -116,8 +116,8 @@ def battery_item(
     share = vehicle.battery
     if share is None:
         return CheckItem(
-            name="battery", about=about(vehicle), result=CheckResult.WARNING, limit="told",
-            advice="it does not tell its charge: set up BATT_MONITOR or BAT1_SOURCE",
+            name="battery", about=about(vehicle), result=CheckResult.WARNING, limit="reported",
+            advice="its charge is not reported: set up BATT_MONITOR or BAT1_SOURCE",
         )  # fmt: skip
     return check(
         "battery", about(vehicle), good=share >= need, value=100 * share, unit="%",
@@ -129,7 +129,7 @@ def _link(vehicle: RemoteVehicle) -> CheckItem:
     age = vehicle.age("HEARTBEAT")
     return check(
         "link alive", about(vehicle), good=age <= SILENT, value=age, unit="s", limit=f"a heartbeat within {SILENT:g} s",
-        advice="look at its radio and power",
+        advice="check its radio and power",
     )  # fmt: skip
 
 
@@ -137,7 +137,9 @@ def _standing(vehicle: RemoteVehicle) -> CheckItem:
     landed = vehicle.landed
     state = f"{'armed' if vehicle.armed else 'disarmed'}, {_LANDED[landed]}, {vehicle.mode_name}"
     if landed is None and not vehicle.armed:
-        return _running("disarmed, on the ground", vehicle, state, "disarmed and on the ground", "it must say so")
+        return _running(
+            "disarmed, on the ground", vehicle, state, "disarmed and on the ground", "its landed state is not reported"
+        )
     return check(
         "disarmed, on the ground", about(vehicle), good=not vehicle.armed and landed is True, value=state,
         limit="disarmed and on the ground", advice="land and disarm it",
@@ -145,44 +147,47 @@ def _standing(vehicle: RemoteVehicle) -> CheckItem:
 
 
 _REASON = re.compile("arm|preflight", re.IGNORECASE)
-"""In a status text that tells why a vehicle would not arm: ArduPilot's PreArm:, PX4's Preflight Fail:."""
-_LANDED = {True: "on the ground", False: "in the air", None: "does not say whether landed"}
+"""Words of a status text with the reason why a vehicle does not arm: ArduPilot's PreArm:, PX4's Preflight Fail:."""
+_LANDED = {True: "on the ground", False: "in the air", None: "landed state not reported"}
 
 
 def _prearm(vehicle: RemoteVehicle, autopilot: str) -> CheckItem:
-    """ArduCopter's bit was measured healthy 18 s before its position could be used: the estimator counts besides.
+    """Check the pre-arm bit of SYS_STATUS.
 
-    PX4 tells of these checks by the healthy bit alone, and never that they are present.
+    ArduCopter's bit was measured healthy 18 s before its position could be used, so the estimator is checked as well.
+    PX4 sets the healthy bit only, never the present bit.
     """
     name, limit = "arming checks", "the autopilot would arm"
     status = _present(vehicle, "SYS_STATUS")
     if status is None:
-        return _running(name, vehicle, None, limit, "SYS_STATUS does not come")
+        return _running(name, vehicle, None, limit, "SYS_STATUS does not arrive")
     if autopilot == "ardupilot" and not status.onboard_control_sensors_present & _PREARM:
         return CheckItem(
             name=name, about=about(vehicle), result=CheckResult.WARNING, value="not reported", limit=limit,
-            advice="its firmware does not report them: look at its own ground station",
+            advice="its firmware does not report them: see its own ground station",
         )  # fmt: skip
     if status.onboard_control_sensors_health & _PREARM:
         return check(name, about(vehicle), good=True, value=f"healthy in {vehicle.mode_name}", limit=limit, advice="")
-    reasons = [told.text for told in vehicle.texts if _REASON.search(told.text)]
-    said = "; ".join(dict.fromkeys(reasons[-6:])) or "it gives no reason"
-    advice = f"mend what it says: {said}"
+    texts = [status_text.text for status_text in vehicle.texts if _REASON.search(status_text.text)]
+    reasons = "; ".join(dict.fromkeys(texts[-6:]))
+    value = reasons or "no reason reported"
+    advice = f"resolve the reported problem: {reasons}" if reasons else "no reason reported: see its ground station"
     if autopilot == "px4":
-        # What it has against its mode, PX4 does not say.
-        said, advice = f"{said}, in {vehicle.mode_name}", f"{advice}; it arms in HOLD, not in LAND, RETURN or OFFBOARD"
-    return _running(name, vehicle, said, limit, advice)
+        # PX4 does not report that it refuses to arm because of its mode.
+        value = f"{value}, in {vehicle.mode_name}"
+        advice = f"{advice}; it arms in HOLD, not in LAND, RETURN or OFFBOARD"
+    return _running(name, vehicle, value, limit, advice)
 
 
 def _sensors(vehicle: RemoteVehicle) -> CheckItem:
     status = _present(vehicle, "SYS_STATUS")
     if status is None:
-        return _running("sensors", vehicle, None, "all healthy", "SYS_STATUS does not come")
-    # What PX4 needs and does not find is enabled without being present.
+        return _running("sensors", vehicle, None, "all healthy", "SYS_STATUS does not arrive")
+    # PX4 reports a required sensor that it does not find as enabled but not present.
     on = status.onboard_control_sensors_enabled & ~_NOT_SENSORS
-    sick = on & ~status.onboard_control_sensors_health
-    names = ", ".join(_sensor_names(sick))
-    if sick:
+    unhealthy = on & ~status.onboard_control_sensors_health
+    names = ", ".join(_sensor_names(unhealthy))
+    if unhealthy:
         return _running("sensors", vehicle, names, "all healthy", f"not healthy: {names}; calibrate or replace")
     return check(
         "sensors", about(vehicle), good=True, value=f"{on.bit_count()} healthy", limit="all healthy", advice=""
@@ -199,27 +204,27 @@ def _sensor_names(bits: int) -> list[str]:
 
 
 def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
-    told = _present(vehicle, "GPS_RAW_INT")
-    if told is None:
-        return [_running("GPS", vehicle, None, "3D fix", "GPS_RAW_INT does not come")]
-    wait = "give it a free view of the sky, and wait"
+    message = _present(vehicle, "GPS_RAW_INT")
+    if message is None:
+        return [_running("GPS", vehicle, None, "3D fix", "GPS_RAW_INT does not arrive")]
+    wait = "place it under open sky, and wait"
     rows: list[tuple[str, float | None, str, str, Callable[[float], bool]]] = [
-        ("GPS fix", float(told.fix_type), "", "3D, which is 3, or better", lambda fix: fix >= 3),
+        ("GPS fix", float(message.fix_type), "", "3 (3D) or better", lambda fix: fix >= 3),
         (
-            "GPS satellites", None if told.satellites_visible == 255 else float(told.satellites_visible), "",
+            "GPS satellites", None if message.satellites_visible == 255 else float(message.satellites_visible), "",
             f"at least {_SATELLITES}", lambda count: count >= _SATELLITES,
         ),
         (
-            "GPS HDOP", None if told.eph in (0, 65535) else told.eph / 100, "", f"at most {_HDOP:g}",
+            "GPS HDOP", None if message.eph in (0, 65535) else message.eph / 100, "", f"at most {_HDOP:g}",
             lambda hdop: hdop <= _HDOP,
         ),
         (
-            "GPS horizontal accuracy", told.h_acc / 1e3 if told.h_acc else None, "m",
+            "GPS horizontal accuracy", message.h_acc / 1e3 if message.h_acc else None, "m",
             f"at most {_H_ACC[autopilot]:g} m",
             lambda accuracy: accuracy <= _H_ACC[autopilot],
         ),
         (
-            "GPS speed accuracy", told.vel_acc / 1e3 if told.vel_acc else None, "m/s",
+            "GPS speed accuracy", message.vel_acc / 1e3 if message.vel_acc else None, "m/s",
             f"at most {_VEL_ACC[autopilot]:g} m/s", lambda accuracy: accuracy <= _VEL_ACC[autopilot],
         ),
     ]  # fmt: skip
@@ -233,13 +238,13 @@ def _gps(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
 
 def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
     name = "EKF_STATUS_REPORT" if autopilot == "ardupilot" else "ESTIMATOR_STATUS"
-    told = _present(vehicle, name)
-    wait = "let it stand still until its estimator has settled; away from iron and magnets"
-    if told is None:
-        return [_running("estimator", vehicle, None, "with a position", f"{name} does not come")]
-    flags = int(told.flags)
+    message = _present(vehicle, name)
+    wait = "keep it still, away from iron and magnets, until its estimator has settled"
+    if message is None:
+        return [_running("estimator", vehicle, None, "with a position", f"{name} does not arrive")]
+    flags = int(message.flags)
     good = flags & _POSITIONED == _POSITIONED
-    # PX4 says that its position is constant whenever it stands still, with or without GPS.
+    # PX4 sets the constant-position flag whenever it stands still, with or without GPS.
     good = good and bool(flags & _BY_GPS if autopilot == "px4" else not flags & _CONSTANT_POSITION)
     # 0x400 is "not started" in EKF_STATUS_REPORT and "GPS glitch" in ESTIMATOR_STATUS: bad in both.
     good = good and not flags & _GLITCH
@@ -254,8 +259,8 @@ def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
         if autopilot == "ardupilot"
         else ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio")
     )
-    worst = max(fields, key=lambda field: _finite(getattr(told, field)))
-    value = _finite(getattr(told, worst))
+    worst = max(fields, key=lambda field: _finite(getattr(message, field)))
+    value = _finite(getattr(message, worst))
     items.append(
         check(
             f"estimator's {worst.replace('_', ' ')}", about(vehicle), good=value < _VARIANCE, value=value,
@@ -263,7 +268,7 @@ def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
         )
     )  # fmt: skip
     if autopilot == "px4":
-        accuracy = _finite(told.pos_horiz_accuracy)
+        accuracy = _finite(message.pos_horiz_accuracy)
         items.append(
             check(
                 "estimator's accuracy", about(vehicle), good=accuracy <= _ACCURACY, value=accuracy, unit="m",
@@ -276,14 +281,13 @@ def _estimator(vehicle: RemoteVehicle, autopilot: str) -> list[CheckItem]:
 def _home(vehicle: RemoteVehicle, origin: Origin | None, scenario: Scenario) -> list[CheckItem]:
     home, fix = vehicle.home(), vehicle.fix
     if home is None or fix is None or origin is None:
-        what = "it does not know its home yet: wait for its GPS"
-        return [_running("home", vehicle, None, "set", what)]
+        return [_running("home", vehicle, None, "set", "its home is not set yet: wait for its GPS")]
     (home_x, home_y), (x, y) = origin.world(*home[:2]), origin.world(fix.latitude, fix.longitude)
     away, beyond = math.hypot(home_x - x, home_y - y), float(scenario.arena.distance_outside((home_x, home_y)))
     return [
         check(
             "home", about(vehicle), good=away <= _AWAY, value=away, unit="m",
-            limit=f"within {_AWAY:g} m of where it is", advice="switch it off and on where it stands",
+            limit=f"within {_AWAY:g} m of its position", advice="power-cycle it at its take-off position",
         ),
         check(
             "home in the arena", about(vehicle), good=beyond <= 0, value=max(beyond, 0.0), unit="m",
@@ -300,7 +304,7 @@ def _running(name: str, vehicle: RemoteVehicle, value: str | None, limit: str, a
 
 
 def _present(vehicle: RemoteVehicle, name: str) -> Message | None:
-    """The last message of a name, if it is not old."""
+    """The last message of a name, or None if it is stale."""
     return vehicle.message(name) if vehicle.age(name) <= _STALE else None
 
 

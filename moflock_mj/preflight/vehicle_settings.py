@@ -1,4 +1,4 @@
-"""A vehicle's parameters and fence: read, graded, and put right if that is asked for."""
+"""A vehicle's parameters and fence: read them, check them, and correct them on request."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ from moflock_mj.preflight.vehicle_checks import about
 from moflock_mj.scenario.scenario import Scenario
 
 FENCE_MARGIN = 20.0
-"""m, from the arena's walls to a vehicle's own fence, which acts after the deployment's watchdog has had its chance."""
+"""Distance from the arena's walls to a vehicle's own fence, m; it acts after the deployment's fence watchdog."""
 _ROOF = 10.0
-"""m, from the highest that a vehicle flies to its fence's end."""
+"""Distance from a vehicle's highest altitude to the top of its fence, m."""
 _LAYERS, _LAYER = 90.0, 3.0
-"""m, over which the return altitudes of a flock are spread, and by how much each differs at most."""
+"""Range of the return altitudes of a flock, and maximum difference between two neighbouring ones, m."""
 _TRIES = 2
 _CAPACITY = {"ardupilot": "BATT_CAPACITY", "px4": "BAT1_CAPACITY"}
 _LOW = {"ardupilot": "BATT_LOW_MAH", "px4": "BAT_LOW_THR"}
-_LOOKS = 25
-"""Along each side of the arena, places at which a fence must allow to be."""
+_GRID = 25
+"""Number of points along each side of the arena at which the fence is evaluated."""
 _FIX = "run preflight with --fix, or set it yourself"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VehicleSettings:
-    """What a vehicle is set to.
+    """Settings of a vehicle.
 
     Attributes:
-        values: by parameter name; those that it has.
-        shapes: of its fence, in the world; None if the fence is none or cannot be read.
-        capacity: mAh, of its battery; None: unknown.
-        low: share of the charge at which its own failsafe acts; 0: unknown, or by voltage alone.
+        values: values of its parameters, by name.
+        shapes: shapes of its fence, world; None if the fence is invalid or cannot be read.
+        capacity: capacity of its battery, mAh; None if unknown.
+        low: share of charge at which its own failsafe acts; 0 if unknown, or by voltage only.
     """
 
     values: dict[str, float]
@@ -61,7 +61,7 @@ class VehicleSettings:
 def requirements_of(
     vehicle: RemoteVehicle, place: int, count: int, origin: Origin, scenario: Scenario
 ) -> FlightRequirements:
-    """What the flight asks of a vehicle, the `place`-th of `count`."""
+    """Requirements of the flight on vehicle `place`, from 0, of `count`."""
     home, edges = vehicle.home(), scenario.arena.inset(-FENCE_MARGIN).extent()
     x, y = origin.world(*home[:2]) if home else (0.0, 0.0)
     layer = scenario.altitude + 2 * _LAYER + place * layer_height(count)
@@ -75,34 +75,34 @@ def requirements_of(
 
 
 def layer_height(count: int) -> float:
-    """m, between the return altitudes of `count` vehicles."""
+    """Difference between neighbouring return altitudes of `count` vehicles, m."""
     return min(_LAYER, _LAYERS / count)
 
 
 async def read_settings(
     vehicle: RemoteVehicle, autopilot: str, requirements: FlightRequirements, origin: Origin
 ) -> VehicleSettings:
-    """Ask a vehicle for all that matters.
+    """Read the parameters and the fence of a vehicle.
 
     Raises:
-        CommandError: it does not answer.
+        CommandError: the vehicle does not answer.
     """
     values: dict[str, float] = {}
     for spellings in required_parameters(autopilot, requirements):
-        # Side by side: who does not know a name does not answer.
+        # In parallel, since a vehicle does not answer for a parameter that it does not have.
         names = [want.name for want in spellings]
         found = await asyncio.gather(*(read_parameter(vehicle, name, tries=_TRIES) for name in names))
         values |= {name: parameter.value for name, parameter in zip(names, found, strict=True) if parameter is not None}
     capacity = await read_parameter(vehicle, _CAPACITY[autopilot], tries=_TRIES)
     low = await read_parameter(vehicle, _LOW[autopilot], tries=_TRIES)
     shapes = await _read_shapes(vehicle, origin)
-    # PX4's -1 and ArduPilot's 0 are of a battery that nobody has described.
+    # PX4's -1 and ArduPilot's 0 mean that the capacity is not configured.
     full = capacity.value if capacity and capacity.value > 0 else None
     return VehicleSettings(values=values, shapes=shapes, capacity=full, low=_low_share(autopilot, low, full))
 
 
 async def _read_shapes(vehicle: RemoteVehicle, origin: Origin) -> tuple[Polygon | Circle, ...] | None:
-    """The vehicle's fence in the world; None if it is none or cannot be read."""
+    """The vehicle's fence, world; None if it is invalid or cannot be read."""
     try:
         items = [
             types.SimpleNamespace(
@@ -116,7 +116,7 @@ async def _read_shapes(vehicle: RemoteVehicle, origin: Origin) -> tuple[Polygon 
 
 
 def _low_share(autopilot: str, low: Parameter | None, capacity: float | None) -> float:
-    """ArduPilot counts mAh that are left, PX4 a share."""
+    """Share of charge at which the failsafe acts; ArduPilot's parameter is in mAh, PX4's is a share."""
     if low is None or (autopilot == "ardupilot" and not capacity):
         return 0.0
     share = low.value / capacity if autopilot == "ardupilot" and capacity else low.value
@@ -126,13 +126,13 @@ def _low_share(autopilot: str, low: Parameter | None, capacity: float | None) ->
 def settings_items(
     vehicle: RemoteVehicle, autopilot: str, requirements: FlightRequirements, found: VehicleSettings, scenario: Scenario
 ) -> list[CheckItem]:
-    """Grades of a vehicle's parameters and fence."""
-    wanted = required_parameters(autopilot, requirements)
-    items = [item for want in wanted if (item := _parameter_item(vehicle, want, found.values)) is not None]
+    """Check a vehicle's parameters and fence."""
+    required = required_parameters(autopilot, requirements)
+    items = [item for want in required if (item := _parameter_item(vehicle, want, found.values)) is not None]
     return [*items, _fence_item(vehicle, found.shapes, scenario)]
 
 
-async def put_right(
+async def correct_settings(
     vehicle: RemoteVehicle,
     autopilot: str,
     requirements: FlightRequirements,
@@ -140,17 +140,17 @@ async def put_right(
     origin: Origin,
     scenario: Scenario,
 ) -> list[str]:
-    """Set what is wrong and upload a fence of the arena; returns what was changed, a line each, as it was read back.
+    """Set wrong parameters and upload a fence of the arena; returns the changes as read back, one line each.
 
     Raises:
-        CommandError: the vehicle does not take it.
+        CommandError: the vehicle rejects a change.
     """
     changes = []
     if found.shapes is None or not _fits(found.shapes, scenario):
         await upload_fence(vehicle, _arena_fence(origin, scenario))
         kept_shapes = await _read_shapes(vehicle, origin)
         if kept_shapes is None or not _fits(kept_shapes, scenario):
-            raise CommandError(f"{vehicle}: fence: what was uploaded does not come back")
+            raise CommandError(f"{vehicle}: fence: the fence that was read back differs from the upload")
         changes.append(f"{about(vehicle)}: fence: {FENCE_MARGIN:g} m around the {scenario.arena.title}")
     for spellings in required_parameters(autopilot, requirements):
         want = _known(spellings, found.values)
@@ -165,9 +165,9 @@ async def put_right(
 
 
 def return_altitude(found: VehicleSettings) -> float | None:
-    """m, above home, at which a vehicle returns; None: it does not tell."""
-    told = (found.values[name] * unit for name, unit in RETURN_ALTITUDE.items() if name in found.values)
-    return next(told, None)
+    """Return altitude of a vehicle above home, m; None if unknown."""
+    altitudes = (found.values[name] * unit for name, unit in RETURN_ALTITUDE.items() if name in found.values)
+    return next(altitudes, None)
 
 
 def _known(spellings: Spellings, values: dict[str, float]) -> RequiredParameter | None:
@@ -177,10 +177,10 @@ def _known(spellings: Spellings, values: dict[str, float]) -> RequiredParameter 
 def _parameter_item(vehicle: RemoteVehicle, spellings: Spellings, values: dict[str, float]) -> CheckItem | None:
     want = _known(spellings, values)
     if not spellings[0].why:
-        return None  # judged over the flock
+        return None  # checked over the whole flock
     if want is None:
         names, first = " or ".join(want.name for want in spellings), spellings[0]
-        advice = f"it does not know {names}: is it the firmware that this is for?"
+        advice = f"it does not have {names}: check its firmware version"
         return CheckItem(name=first.name, about=about(vehicle), result=first.missing, limit=first.limit, advice=advice)
     return check(
         want.name, about(vehicle), good=want.holds(values[want.name]), value=values[want.name], limit=want.limit,
@@ -196,21 +196,21 @@ def _fence_item(vehicle: RemoteVehicle, shapes: tuple[Polygon | Circle, ...] | N
         )  # fmt: skip
     if not shapes:
         return CheckItem(
-            name="fence", about=about(vehicle), result=CheckResult.WARNING, value="a circle about its home alone",
+            name="fence", about=about(vehicle), result=CheckResult.WARNING, value="only a circle around its home",
             limit=limit,
-            advice=f"corners of the circle are far outside of the arena: {_FIX}",
+            advice=f"the circle reaches far outside the arena: {_FIX}",
         )  # fmt: skip
     return check(
         "fence", about(vehicle), good=_fits(shapes, scenario), value=f"{len(shapes)} shapes", limit=limit,
-        advice=f"parts of the arena are forbidden, or nothing is: {_FIX}",
+        advice=f"it forbids parts of the arena, or nothing at all: {_FIX}",
     )  # fmt: skip
 
 
 def _fits(shapes: tuple[Polygon | Circle, ...], scenario: Scenario) -> bool:
-    """Whether there is a fence, and the whole arena is within."""
+    """Whether there is a fence and it contains the whole arena."""
     if not any(shape.allowed for shape in shapes):
         return False
-    rows, columns = (np.linspace(-half, half, _LOOKS) for half in scenario.arena.extent())
+    rows, columns = (np.linspace(-half, half, _GRID) for half in scenario.arena.extent())
     places = [(float(x), float(y)) for x in rows for y in columns]
     return not any(breaches(shapes, *place) for place in places if scenario.arena.distance_outside(place) <= 0)
 

@@ -1,1 +1,1 @@
-"""What is flown, declared and checked: no computation."""
+"""Scenario of a flight: its declaration and its checks, without computation."""

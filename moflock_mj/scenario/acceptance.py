@@ -1,4 +1,4 @@
-"""The section `[verdict]` of a scenario: from which figures of its flights a point is called flyable or unsafe."""
+"""Section `[verdict]` of a scenario: acceptance limits of rigid-body flights."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from moflock_mj.fields import Section, quantity
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AcceptanceLimits(Section):
-    """Limits of rigid-body flights, each for the worst flight of a point.
+    """Acceptance limits of a point, applied to the worst of its rigid-body flights.
 
-    Flyable: no touch, no drone lost, and all of the first four limits kept. Unsafe: any drone lost, or touches in more
-    than `touched_flights` of the flights. Marginal: between the two.
+    A point is flyable if no drone touches, none is lost, and the first four limits hold. It is unsafe if any drone is
+    lost, or drones touch in more than `touched_flights` of the flights. Otherwise it is marginal.
     """
 
     table: ClassVar[str] = "verdict"
 
-    # The bodies of two x500 touch at 0.75 m, and GPS knows a drone's place to a metre or so: twice the diameter is what
-    # is left of one gust and one late packet.
+    # Two x500 touch at 0.75 m, and a GPS position has an error of about a metre: two diameters leave a margin for one
+    # gust and one late packet.
     separation: float = quantity(
-        1.0, "m", "least distance of two drones; two airframe diameters, if that is more", low=0, high=100
+        1.0, "m", "smallest distance of two drones; at least two airframe diameters", low=0, high=100
     )
-    # A rotor at its limit steers no more. In one step of a hundred, the loops' margins of 6 dB still cover it.
-    saturated: float = quantity(0.01, "1", "largest share of the drones' time with a rotor at its limit", low=0, high=1)
-    # Drones that pass above one another must not; barometers are good to half a metre.
+    # A saturated rotor gives no control. Saturation in one step of a hundred is within the loops' margins of 6 dB.
+    saturated: float = quantity(0.01, "1", "largest fraction of flight time with a rotor at its limit", low=0, high=1)
+    # Drones must not pass above one another; the error of a barometer is about half a metre.
     altitude_error: float = quantity(1.0, "m", "largest error of altitude", low=0, high=1e4)
-    # The paper's tolerance of F_wall, as the farthest excursion rather than the mean one: fences are not crossed on
-    # average.
-    outside: float = quantity(5.0, "m", "farthest that a drone may leave the arena", low=0, high=1e4)
-    # With the usual 20 seeds: two flights with a touch may be bad luck, three are not a rare event.
+    # The paper's tolerance of F_wall, applied to the largest excursion instead of the mean, because a geofence acts on
+    # any crossing.
+    outside: float = quantity(5.0, "m", "largest distance of a drone outside the arena", low=0, high=1e4)
+    # With the usual 20 seeds, touches in two flights may be chance; in three they are not rare.
     touched_flights: float = quantity(
-        0.1, "1", "share of flights with touches beyond which a point is unsafe", low=0, high=1
+        0.1, "1", "fraction of flights with touches above which a point is unsafe", low=0, high=1
     )
 
     def least_separation(self, diameter: float) -> float:
-        """The least distance, m, of two drones of a diameter, m."""
+        """Smallest accepted distance of two drones of a given diameter, m."""
         return max(self.separation, 2 * diameter)

@@ -1,8 +1,7 @@
-"""Faults: what fails, in which drone or vehicle, when and for how long; tables `[[faults]]`.
+"""Faults of a scenario, tables `[[faults]]`: kind, affected drone or vehicle, start and duration.
 
-Flights and simulated vehicles have the same words for the same faults. What each does in a flight is in
-`moflock_mj.effects.fault_injection`. Order parameters stay what the paper defines: over all drones, those that a fault
-has brought down included.
+Flights and simulated vehicles use the same names for the same faults. `moflock_mj.effects.fault_injection` describes
+their effects in a flight. Order parameters keep the paper's definition over all drones, including those that crashed.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from moflock_mj.fields import Section, quantity
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultKind:
-    """What a kind of fault needs and allows.
+    """Properties of a kind of fault.
 
     Attributes:
-        text: what its events say.
-        figures: fields that it must have, and no other kind.
-        of_all: whether it may affect all drones at once.
-        ends: whether it may end.
-        falls: whether the drone that it affects may come down by it.
+        text: description in events.
+        figures: fields that this kind requires; other kinds do not accept them.
+        of_all: True if it may affect all drones at once.
+        ends: True if it may end.
+        falls: True if it can bring down the affected drone.
     """
 
     text: str
@@ -45,26 +44,26 @@ KINDS = {
     "cannot_transmit": FaultKind(text="cannot transmit", of_all=False),
     "power_off": FaultKind(text="power off", of_all=False, ends=False, falls=True),
 }
-"""Kinds in a flight, by name; the order is that of the compiled code's numbers."""
+"""Kinds of faults in a flight, by name, in the order of their numbers in compiled code."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultTable(Section):
-    """A table `[[faults]]`; subclasses say which kinds there are, and whom they affect.
+    """Table `[[faults]]`. A subclass sets the permitted kinds and the field of the affected drone or vehicle.
 
     Raises:
-        ScenarioError: a value is of the wrong type or out of bounds, missing, or of another kind.
+        ScenarioError: a value is missing, of the wrong type or out of bounds, or does not apply to the kind.
     """
 
     table: ClassVar[str] = "faults"
     kinds: ClassVar[Mapping[str, FaultKind]] = {}
     subject: ClassVar[str] = "drone"
-    """Field that holds the number of the one that is affected."""
+    """Field with the number of the affected drone or vehicle."""
 
-    kind: str = quantity("", "1", "what fails")
-    at: float = quantity(0.0, "s", "when it begins", low=0, high=1e6)
+    kind: str = quantity("", "1", "kind of fault")
+    at: float = quantity(0.0, "s", "start of the fault", low=0, high=1e6)
     duration: float | None = quantity(
-        None, "s", "how long; to the end of the flight if absent", low=0, open_low=True, high=1e6
+        None, "s", "duration; to the end of the flight if absent", low=0, open_low=True, high=1e6
     )
 
     def __post_init__(self) -> None:
@@ -74,31 +73,36 @@ class FaultTable(Section):
         kind = self.kinds[self.kind]
         figures = dict.fromkeys(name for other in self.kinds.values() for name in other.figures)
         for name in figures:
-            given, wanted = getattr(self, name) is not None, name in kind.figures
-            if wanted and not given:
+            given, required = getattr(self, name) is not None, name in kind.figures
+            if required and not given:
                 raise ScenarioError(f"faults.{name}: is missing: {self.kind} needs it")
-            if given and not wanted:
+            if given and not required:
                 raise ScenarioError(
-                    f"faults.{name}: {getattr(self, name)!r} means nothing to {self.kind}: leave it out"
+                    f"faults.{name}: {getattr(self, name)!r} does not apply to {self.kind}: it must be absent"
                 )
         if self.affected is None and not kind.of_all:
             raise ScenarioError(f"faults.{self.subject}: is missing: {self.kind} affects one {self.subject}")
         if self.duration is not None and not kind.ends:
             raise ScenarioError(
-                f"faults.duration: {self.duration:g} s means nothing to {self.kind}, which does not end"
+                f"faults.duration: {self.duration:g} s does not apply to {self.kind}: it must be absent"
             )
 
     @property
     def affected(self) -> int | None:
-        """Number of the one that is affected; None for all."""
+        """Number of the affected drone or vehicle; None for all."""
         number: int | None = getattr(self, self.subject)
         return number
 
     def check_against(self, count: int, duration: float, name: str) -> None:
-        """Refuse a drone or a time that the flight does not have; `name` stands before the field in the error.
+        """Check drone and start against the flight.
+
+        Args:
+            count: number of drones or vehicles.
+            duration: duration of the flight, s.
+            name: prefix of the field in the message.
 
         Raises:
-            ScenarioError: one line.
+            ScenarioError: the drone or the start is out of bounds.
         """
         if self.affected is not None and self.affected >= count:
             raise ScenarioError(
@@ -108,9 +112,9 @@ class FaultTable(Section):
             raise ScenarioError(f"{name}.at: {self.at:g} s must be under the duration, {duration:g} s")
 
     def describe(self) -> str:
-        """The fault in a few words, such as `drone 3: no GPS`."""
-        who = f"all {self.subject}s" if self.affected is None else f"{self.subject} {self.affected}"
-        return f"{who}: {self.kinds[self.kind].text}{self._figures_text()}"
+        """Describe the fault in a few words, such as `drone 3: no GPS`."""
+        affected_name = f"all {self.subject}s" if self.affected is None else f"{self.subject} {self.affected}"
+        return f"{affected_name}: {self.kinds[self.kind].text}{self._figures_text()}"
 
     def _figures_text(self) -> str:
         return ""
@@ -118,7 +122,7 @@ class FaultTable(Section):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultConfig(FaultTable):
-    """One fault of a flight.
+    """Fault in a flight.
 
     Example:
         >>> FaultConfig(kind="gps_loss", at=20.0, duration=10.0, drone=3).describe()
@@ -130,15 +134,21 @@ class FaultConfig(FaultTable):
 
     kinds: ClassVar[Mapping[str, FaultKind]] = KINDS
 
-    kind: str = quantity("", "1", "what fails", choices=tuple(KINDS))
-    drone: int | None = quantity(None, "1", "the drone's number, from 0; all drones if absent", low=0, high=9999)
-    rotor: int | None = quantity(None, "1", "number of the rotor of a rotor_failure, from 0", low=0, high=3)
-    effectiveness: float | None = quantity(None, "1", "share of its thrust that the rotor keeps", low=0, high=1)
+    kind: str = quantity("", "1", "kind of fault", choices=tuple(KINDS))
+    drone: int | None = quantity(
+        None, "1", "number of the affected drone, from 0; all drones if absent", low=0, high=9999
+    )
+    rotor: int | None = quantity(None, "1", "number of the failed rotor of a rotor_failure, from 0", low=0, high=3)
+    effectiveness: float | None = quantity(None, "1", "fraction of its thrust that the rotor keeps", low=0, high=1)
     jump: tuple[float, float] | None = quantity(
-        None, "m", "x and y that a gps_jump adds to the position", low=-1e5, high=1e5
+        None, "m", "offset of the GPS position by a gps_jump, x and y", low=-1e5, high=1e5
     )
     share: float | None = quantity(
-        None, "1", "share of packets to and from a drone that a link_loss takes, on top of others", low=0, high=1
+        None,
+        "1",
+        "fraction of packets to and from a drone that a link_loss drops, in addition to other losses",
+        low=0,
+        high=1,
     )
 
     def _figures_text(self) -> str:

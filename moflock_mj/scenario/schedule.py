@@ -1,4 +1,4 @@
-"""The clocks of a flight, as whole numbers of integration steps."""
+"""Schedule of a flight in whole numbers of integration steps."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class Schedule(NamedTuple):
-    """A flight is a row of beats: the longest time after which something other than a step is due.
+    """Schedule of a flight: samples, sensing and packets happen at multiples of one interval.
+
+    The interval is the greatest common divisor of sample period, sensing period and packet delay.
 
     Attributes:
-        steps_per_interval: integration steps of a beat.
-        intervals: beats of the whole flight.
-        sample_every: beats between two samples.
-        sense_every: beats between two times that the drones sense and decide.
-        remember_at: a state is remembered for the packets at every beat that leaves this rest by sense_every.
-        ticks_late: how many remembered moments a packet is late.
-        first_counted: the first beat whose sample enters the order parameters.
+        steps_per_interval: integration steps per interval.
+        intervals: intervals of the whole flight.
+        sample_every: intervals between two samples.
+        sense_every: intervals between two GPS fixes, at which drones sense and decide.
+        remember_at: remainder, modulo sense_every, of the intervals at which states are stored for packets.
+        ticks_late: delay of a packet in stored states.
+        first_counted: first interval whose sample enters the order parameters.
     """
 
     steps_per_interval: int
@@ -31,7 +33,7 @@ class Schedule(NamedTuple):
 
     @classmethod
     def of(cls, scenario: Scenario, step: float) -> Schedule:
-        """The clocks of a scenario whose periods are whole multiples of `step`, s."""
+        """Create the schedule of a scenario whose periods are whole multiples of `step`, s."""
         sample, sense, late, total, warm_up = (
             round(period / step)
             for period in (

@@ -1,1 +1,1 @@
-"""What each drone knows: GPS, packets, IMU."""
+"""Sensing and communication of each drone: GPS, packets, IMU."""

@@ -1,4 +1,4 @@
-"""GPS: the error of each drone's position, and its memory of what was sent."""
+"""GPS errors of each drone, and states in transit as packets."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from moflock_mj.world.state import TrueState
 
 
 class SensorModel(NamedTuple):
-    """Figures of the scenario that sensing uses.
+    """Figures of the scenario for sensing and communication.
 
     Attributes:
-        t_gps: s, period of sensing.
-        sigma_inner: m^2/s^2, strength of the GPS error.
-        lambda_gps: 1/s, damping of the GPS error.
-        r_comm: m, range of communication.
-        packet_loss: 1/m^2, a packet over a distance d is lost with probability packet_loss d^2.
+        t_gps: interval of GPS fixes, s.
+        sigma_inner: strength of the GPS error, m^2/s^2.
+        lambda_gps: damping of the GPS error, 1/s.
+        r_comm: range of communication, m.
+        packet_loss: loss coefficient, 1/m^2: a packet over a distance d is lost with probability packet_loss d^2.
     """
 
     t_gps: float
@@ -31,14 +31,15 @@ class SensorModel(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """What sensing carries from tick to tick. Process 0 is the error of what a drone reads of itself, process 1 that
-    of what the others receive of it.
+    """State of sensing between fixes.
+
+    Process 0 is the error of a drone's measurement of itself. Process 1 is the error of its packets to others.
 
     Attributes:
-        position_error: (2, 2, N), process, axis, drone; m.
-        velocity_error: (2, 2, N), m/s.
-        past_position: (H, 2, N), a ring of the positions that packets in the air tell of, m.
-        past_velocity: (H, 2, N), m/s.
+        position_error: (2, 2, N), position error by process, axis and drone, m.
+        velocity_error: (2, 2, N), velocity error by process, axis and drone, m/s.
+        past_position: (H, 2, N), ring buffer of the positions in packets, m.
+        past_velocity: (H, 2, N), ring buffer of the velocities in packets, m/s.
     """
 
     position_error: NDArray[np.float64]
@@ -48,11 +49,11 @@ class SensorState(NamedTuple):
 
     @classmethod
     def at_start(cls, world: TrueState, ticks_late: int) -> SensorState:
-        """No error yet, and a past filled with the initial state, so that every first packet has a content.
+        """Create a state without errors, with the initial state as the content of the first packets.
 
         Args:
             world: the initial state.
-            ticks_late: how far back the past goes, in remembered moments.
+            ticks_late: delay of packets in stored states.
         """
         drones = world.position.shape[1]
         return cls(
@@ -65,7 +66,7 @@ class SensorState(NamedTuple):
 
 @kernel
 def remember(state: SensorState, world: TrueState, moment: int) -> None:
-    """Put the true state into the ring, as what packets of this moment tell."""
+    """Store the true state as the content of the packets of a moment (number of a stored state)."""
     slot = moment % state.past_position.shape[0]
     state.past_position[slot] = world.position[:2]
     state.past_velocity[slot] = world.velocity[:2]
@@ -73,7 +74,7 @@ def remember(state: SensorState, world: TrueState, moment: int) -> None:
 
 @kernel
 def drift_gps(model: SensorModel, state: SensorState, noise: NDArray[np.float64]) -> None:
-    """One step of the damped random walk of all GPS errors; noise: (2, 2, N), N(0, 1)."""
+    """Advance the damped random walk of all GPS errors by one fix; noise: (2, 2, N), N(0, 1)."""
     kick = sqrt(2 * model.lambda_gps * model.sigma_inner * model.t_gps)
     damping = model.lambda_gps * model.t_gps
     spring = sqrt(2 * model.lambda_gps * model.sigma_inner) / 3 * model.t_gps

@@ -1,9 +1,9 @@
-"""Noisy sensors on board: what gyroscope, accelerometer, barometer and compass tell each drone, and what it believes.
+"""On-board sensors: gyroscope, accelerometer, barometer and compass, and the state estimates from them.
 
-Gyroscope and accelerometer are read at every step and have white noise, and biases that walk at random from zero, where
-a calibration before take-off has left them. Barometer and compass are read with each GPS fix and have white noise; the
-fix's velocity has the GPS error of the scenario. `controllers.state_estimation` makes an estimate of it all, which the
-controllers then use in place of the truth. The policy goes by GPS alone, as without them.
+Gyroscope and accelerometer are read at every step. They have white noise, and biases that start at zero, as after a
+calibration, and follow a random walk. Barometer and compass are read with each GPS fix and have white noise. The
+velocity of a fix has the GPS error of the scenario. `controllers.state_estimation` estimates the state, which the
+controllers use instead of the true state. The policy uses GPS alone, as without these sensors.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from moflock_mj.world.state import TrueState
 
 
 class Imu(NamedTuple):
-    """Sensors of N drones.
+    """Sensors and state estimates of N drones.
 
     Attributes:
-        gyro_noise: rad/s, deviation of one reading.
-        accel_noise: m/s^2, deviation of one reading.
-        gyro_walk: rad/s, deviation by which its bias walks in a beat.
-        accel_walk: m/s^2, deviation by which its bias walks in a beat.
-        baro_noise: m, deviation of one reading.
-        compass_noise: rad, deviation of one reading.
-        gyro_bias: (3, N), rad/s, body.
-        accel_bias: (3, N), m/s^2, body.
-        estimate: what the drones believe.
-        no_error: (2, N), zeros, in place of the GPS error where the velocity is an estimate.
+        gyro_noise: standard deviation of a gyroscope reading, rad/s.
+        accel_noise: standard deviation of an accelerometer reading, m/s^2.
+        gyro_walk: standard deviation of the change of the gyroscope bias per interval, rad/s.
+        accel_walk: standard deviation of the change of the accelerometer bias per interval, m/s^2.
+        baro_noise: standard deviation of a barometer reading, m.
+        compass_noise: standard deviation of a compass reading, rad.
+        gyro_bias: (3, N), gyroscope bias, rad/s, body.
+        accel_bias: (3, N), accelerometer bias, m/s^2, body.
+        estimate: state estimates.
+        no_error: (2, N), zeros, instead of the GPS error of a measured velocity.
     """
 
     gyro_noise: float
@@ -52,13 +52,13 @@ class Imu(NamedTuple):
 
 
 def make_imu(scenario: Scenario, step: float, interval: float, world: TrueState) -> Imu | Off:
-    """The sensors of a scenario, on drones that know how they start.
+    """Create the sensors of a scenario with exact initial estimates, or Off without an IMU model.
 
     Args:
-        scenario: whose `imu` is on or off.
-        step: s.
-        interval: s, time between two walks of the biases.
-        world: where the drones start, level.
+        scenario: the scenario.
+        step: integration step, s.
+        interval: interval between two updates of the biases, s.
+        world: initial state, with level drones.
     """
     imu, drones = scenario.imu, scenario.drones
     if imu is None:
@@ -93,23 +93,28 @@ def make_imu(scenario: Scenario, step: float, interval: float, world: TrueState)
 def estimated(
     imu: NamedTuple, qpos: NDArray[np.float64], qvel: NDArray[np.float64], velocity_error: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """What the controllers go by.
+    """State feedback of the controllers; without an IMU model the true state with the GPS error of the velocity.
 
     Args:
-        imu: Sensors, or Off where drones know the truth but for the GPS error of their velocity.
-        qpos: (N, 7), the truth.
-        qvel: (N, 6), the truth.
-        velocity_error: (2, N), m/s, GPS error.
+        imu: the sensors, or Off.
+        qpos: (N, 7), true position and attitude.
+        qvel: (N, 6), true velocities.
+        velocity_error: (2, N), GPS velocity error, m/s.
 
     Returns:
-        qpos and qvel as believed, and the error that is to be added to the horizontal velocity.
+        qpos and qvel for the controllers, and the error to add to the horizontal velocity.
     """
     return qpos, qvel, velocity_error
 
 
 @stage
 def walk_biases(imu: NamedTuple, draws: NDArray[np.float64]) -> None:
-    """Let the biases walk for a beat. draws: (1, 6, N), N(0, 1)."""
+    """Advance the random walk of the biases by one interval; no effect without an IMU model.
+
+    Args:
+        imu: the sensors; the biases are updated.
+        draws: (1, 6, N), N(0, 1).
+    """
 
 
 @stage
@@ -121,15 +126,15 @@ def read_imu(
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    """Read gyroscopes and accelerometers after a step.
+    """Read gyroscopes and accelerometers after a step, and advance the estimates; no effect without an IMU model.
 
     Args:
-        imu: the beliefs in it move on.
-        qpos: (N, 7), the truth.
-        qvel: (N, 6), the truth.
-        qacc: (N, 6), the first three m/s^2, world: of the step before.
+        imu: the sensors; the estimates are updated.
+        qpos: (N, 7), true position and attitude.
+        qvel: (N, 6), true velocities.
+        qacc: (N, 6), accelerations of the previous step, the first three m/s^2, world.
         draws: (steps, 6, N), uniform in [0, 1).
-        k: the step.
+        k: index of the step.
     """
 
 
@@ -142,15 +147,15 @@ def correct_with_barometer_and_compass(
     draws: NDArray[np.float64],
     faults: NamedTuple,
 ) -> None:
-    """Correct the beliefs by GPS velocity, barometer and compass.
+    """Correct the estimates by GPS velocity, barometer and compass; no effect without an IMU model.
 
     Args:
-        imu: the beliefs in it are corrected.
-        qpos: (N, 7), the truth.
-        qvel: (N, 6), the truth.
-        velocity_error: (2, N), m/s, GPS error.
+        imu: the sensors; the estimates are corrected.
+        qpos: (N, 7), true position and attitude.
+        qvel: (N, 6), true velocities.
+        velocity_error: (2, N), GPS velocity error, m/s.
         draws: (1, 2, N), N(0, 1).
-        faults: say who has no GPS velocity.
+        faults: fault schedule, or Off; a drone without GPS has no velocity correction.
     """
 
 
@@ -181,10 +186,10 @@ def read_inertial(
     draws: NDArray[np.float32],
     k: int,
 ) -> None:
-    """As `read_imu`: body rates, and R^T (acceleration - gravity), with noise and bias.
+    """Measure body rates and R^T (acceleration - gravity) with noise and bias, and integrate them; see `read_imu`.
 
-    The noise is uniform, of the deviation asked for: four times as fast to draw as a normal one, and no different after
-    the few steps over which it is summed up before it does anything.
+    The noise is uniform with the given standard deviation, which is four times as fast to draw as normal noise. The
+    estimator sums it over several steps, after which the distributions hardly differ.
     """
     gyro, accel = sqrt(12.0) * imu.gyro_noise, sqrt(12.0) * imu.accel_noise
     gyro_bias, accel_bias = imu.gyro_bias, imu.accel_bias
@@ -227,12 +232,12 @@ def _correct_with_barometer_and_compass(
     estimated_velocity = imu.estimate.qvel
     for i in range(qpos.shape[0]):
         xx, _, _, yx, _, _, _, _, _ = body_axes(qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
-        fixed = has_fix(faults, i)
+        has_gps = has_fix(faults, i)
         correct(
             imu.estimate,
             i,
-            qvel[i, 0] + velocity_error[0, i] if fixed else estimated_velocity[i, 0],
-            qvel[i, 1] + velocity_error[1, i] if fixed else estimated_velocity[i, 1],
+            qvel[i, 0] + velocity_error[0, i] if has_gps else estimated_velocity[i, 0],
+            qvel[i, 1] + velocity_error[1, i] if has_gps else estimated_velocity[i, 1],
             qpos[i, 2] + imu.baro_noise * draws[0, 0, i],
             atan2(yx, xx) + imu.compass_noise * draws[0, 1, i],
         )

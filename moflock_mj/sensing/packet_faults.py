@@ -1,6 +1,6 @@
-"""What faults do to what drones tell, hear and read: the stages of sensing that a schedule of faults changes.
+"""Faults in sensing and communication: the stages of sensing that a fault schedule changes.
 
-See `breakdown` for the faults and for what drones make of them.
+`moflock_mj.effects.fault_injection` describes the faults and the reactions of the drones.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
 
 @stage
 def corrupt_packets(faults: NamedTuple, state: SensorState, world: TrueState, moment: int) -> None:
-    """Change what the packets of a moment tell, or send none.
+    """Change or suppress the packets of a moment; no effect without faults.
 
     Args:
-        faults: what is broken.
-        state: its ring of the past holds the moment already.
+        faults: the fault schedule.
+        state: state of sensing, with the moment already stored.
         world: the true state.
-        moment: its number.
+        moment: number of the stored state.
     """
 
 
 @stage
 def corrupt_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
-    """Let the errors of drones without GPS go on without fixes.
+    """Replace the GPS errors of drones without GPS by those of inertial sensors; no effect without faults.
 
     Args:
-        faults: what is broken.
-        state: its errors have drifted as with GPS.
-        t_gps: s, time since the tick before.
+        faults: the fault schedule.
+        state: state of sensing, with the errors of a GPS fix; changed.
+        t_gps: interval of fixes, s.
     """
 
 
@@ -46,33 +46,33 @@ def corrupt_fixes(faults: NamedTuple, state: SensorState, t_gps: float) -> None:
 def drop_neighbours(
     faults: NamedTuple, world: TrueState, moment: int, loss_draws: NDArray[np.float64], observation: Observation
 ) -> None:
-    """Strike out whom each drone does not hear, or should not heed.
+    """Remove neighbours whose packets were lost or must be ignored; no effect without faults.
 
     Args:
-        faults: what is broken.
+        faults: the fault schedule.
         world: the true state.
-        moment: of which the packets that arrive tell.
-        loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no fault loses packets.
-        observation: whose neighbours would be heard without faults.
+        moment: number of the stored state in the packets that arrive.
+        loss_draws: (N, N), uniform in [0, 1), [i, j] for i receiving j; (0, 0) if no fault loses packets.
+        observation: observation with the neighbours of a flight without faults; changed.
     """
 
 
 @stage
 def recall_packets(faults: NamedTuple, state: SensorState, moment: int, t_gps: float, observation: Observation) -> None:
-    """Write what earlier packets said, carried on to now.
+    """Write the content of earlier packets, extrapolated to the present; no effect without faults.
 
     Args:
-        faults: say how many are kept.
-        state: the ring of the past, and the present errors.
-        moment: of which the packets that arrive now tell.
-        t_gps: s, between two packets.
-        observation: its columns from N on are written.
+        faults: the fault schedule, with the number of packets to keep.
+        state: state of sensing.
+        moment: number of the stored state in the packets that arrive.
+        t_gps: interval between two packets, s.
+        observation: observation; its columns from N on are written.
     """
 
 
 @stage
 def shift_readings(faults: NamedTuple, position: NDArray[np.float64]) -> None:
-    """Add jumps to what drones read of their positions, (2, N), m."""
+    """Add gps_jump offsets to the measured own positions, (2, N), m; no effect without faults."""
 
 
 @implements(corrupt_packets, FaultSchedule)
@@ -108,7 +108,7 @@ def _drop_neighbours(
     age_before = np.empty(drones, np.int64)
     for i in range(drones):
         age_before[:] = memory.age[i]
-        memory.age[i] = too_old + 1  # also of those that have flown out of range
+        memory.age[i] = too_old + 1  # including drones that are out of range now
         count, arrived, missing = 0, 0, 0
         for k in range(observation.neighbour_count[i]):
             j = observation.neighbours[i, k]
@@ -124,7 +124,7 @@ def _drop_neighbours(
         observation.neighbour_count[i] = count
         if arrived > 0:
             memory.cut_off[i] = 0
-        elif count == 0 and missing >= 2:  # of one alone it could be the other's radio
+        elif count == 0 and missing >= 2:  # with a single neighbour, the other's radio may have failed
             memory.cut_off[i] = 1
 
 
@@ -138,8 +138,8 @@ def _recall_packets(
         for axis in range(2):
             for j in range(drones):
                 velocity = state.past_velocity[slot, axis, j]
-                place = state.past_position[slot, axis, j] + age * t_gps * velocity
-                observation.received_position[axis, j + age * drones] = place + state.position_error[1, axis, j]
+                extrapolated = state.past_position[slot, axis, j] + age * t_gps * velocity
+                observation.received_position[axis, j + age * drones] = extrapolated + state.position_error[1, axis, j]
                 observation.received_velocity[axis, j + age * drones] = velocity + state.velocity_error[1, axis, j]
 
 

@@ -1,4 +1,4 @@
-"""Sensing: GPS errors, late packets, limited range and packet loss turn the true world into what each drone knows."""
+"""Sensing: observation of each drone from the true state, with GPS errors, packet delay, range and packet loss."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from moflock_mj.world.walls import locate_walls
 def _find_neighbours(
     model: SensorModel, world: TrueState, loss_draws: NDArray[np.float64], observation: Observation
 ) -> None:
-    """List whom each drone hears: true distance now below r_comm, packet not lost; each pair is measured once.
+    """List the drones from which each drone receives packets: true distance below r_comm, and packet not lost.
 
-    loss_draws: (N, N), uniform in [0, 1), [i, j] for i hearing j; (0, 0) where no packet can be lost.
+    loss_draws: (N, N), uniform in [0, 1), [i, j] for i receiving j; (0, 0) if no packet can be lost.
     """
     x, y, z = world.position
     count = observation.neighbour_count
@@ -53,24 +53,26 @@ def sense(
     fault_draws: NDArray[np.float64],
     observation: Observation,
 ) -> None:
-    """Refresh all that each drone knows.
+    """Update the observations of all drones at a fix.
 
     Args:
         model: figures of the scenario.
-        state: errors and past; the errors move on by one tick.
-        world: the true state now.
-        arena: where the walls are.
-        faults: see `moflock_mj.effects.fault_injection`, or Off.
-        received_moment: which moment of the past the packets that arrive now tell of.
+        state: state of sensing; the errors advance by one fix.
+        world: the present true state.
+        arena: the arena.
+        faults: fault schedule, or Off, see `moflock_mj.effects.fault_injection`.
+        received_moment: number of the stored state in the packets that arrive.
         gps_noise: (2, 2, N), N(0, 1).
-        loss_draws: (N, N), uniform in [0, 1); (0, 0) where no packet can be lost.
-        fault_draws: (N, N), uniform in [0, 1); (0, 0) where no fault loses packets.
-        observation: written.
+        loss_draws: (N, N), uniform in [0, 1); (0, 0) if no packet can be lost.
+        fault_draws: (N, N), uniform in [0, 1); (0, 0) if no fault loses packets.
+        observation: observations; written.
     """
     drift_gps(model, state, gps_noise)
     corrupt_fixes(faults, state, model.t_gps)
     _find_neighbours(model, world, loss_draws, observation)
-    slot = received_moment % state.past_position.shape[0]  # moments before the start find the initial state there
+    slot = (
+        received_moment % state.past_position.shape[0]
+    )  # for moments before the start, the ring holds the initial state
     drop_neighbours(faults, world, received_moment, fault_draws, observation)
     for axis in range(2):
         for i in range(world.position.shape[1]):

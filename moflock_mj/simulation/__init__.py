@@ -1,1 +1,1 @@
-"""A flight as it is simulated: built, stepped, snapshot, result."""
+"""Simulation of a flight: setup, compiled loop, snapshots and results."""

@@ -1,4 +1,4 @@
-"""Where the drones are when a flight begins."""
+"""Initial state of the drones."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from moflock_mj.errors import ScenarioError
 from moflock_mj.scenario.scenario import Scenario
 from moflock_mj.world.state import TrueState
 
-_DENSEST = math.pi / math.sqrt(12)
-"""Share of the plane that equal circles can cover (Thue 1892)."""
+_MAX_DENSITY = math.pi / math.sqrt(12)
+"""Largest fraction of the plane that equal circles can cover (Thue 1892)."""
 
-_TRIES = 20_000
-"""Random places that may be refused in a row before a start counts as impossible."""
+_MAX_TRIES = 20_000
+"""Number of consecutive rejected random positions after which a start is impossible."""
 
 
 def make_initial_state(scenario: Scenario, rng: np.random.Generator) -> TrueState:
-    """Place the drones.
+    """Create the initial state of a scenario.
 
     Raises:
-        ScenarioError: more drones than the spacing can place.
+        ScenarioError: the arena is too small for the drones at this spacing.
     """
     drones = scenario.drones
     world = TrueState.at_rest(drones)
@@ -36,7 +36,7 @@ def make_initial_state(scenario: Scenario, rng: np.random.Generator) -> TrueStat
 
 
 def grid(drones: int, spacing: float) -> NDArray[np.float64]:
-    """(N, 2), m: places in a square grid about the origin."""
+    """Positions in a square grid about the origin: (N, 2), m."""
     columns = math.ceil(math.sqrt(drones))
     rows = math.ceil(drones / columns)
     numbers = np.arange(drones)
@@ -46,18 +46,18 @@ def grid(drones: int, spacing: float) -> NDArray[np.float64]:
 
 
 def _spaced(scenario: Scenario, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Uniform places in the arena, each at least start_spacing from the others: (N, 2), m."""
+    """Uniform random positions in the arena, at least start_spacing apart: (N, 2), m."""
     drones, arena, spacing = scenario.drones, scenario.arena, scenario.start_spacing
     refusal = ScenarioError(f"drones: {drones} do not fit into the {arena.title} with start_spacing {spacing:g} m")
-    if drones > 1 and drones * math.pi * (spacing / 2) ** 2 > _DENSEST * arena.inset(-spacing / 2).area():
+    if drones > 1 and drones * math.pi * (spacing / 2) ** 2 > _MAX_DENSITY * arena.inset(-spacing / 2).area():
         raise refusal
-    places = np.empty((drones, 2))
+    positions = np.empty((drones, 2))
     for i in range(drones):
-        for _ in range(_TRIES):
-            (place,) = arena.sample(rng, 1)
-            if not np.any(np.sum((places[:i] - place) ** 2, axis=1) < spacing**2):
-                places[i] = place
+        for _ in range(_MAX_TRIES):
+            (position,) = arena.sample(rng, 1)
+            if not np.any(np.sum((positions[:i] - position) ** 2, axis=1) < spacing**2):
+                positions[i] = position
                 break
         else:
             raise refusal
-    return places
+    return positions

@@ -1,4 +1,4 @@
-"""The compiled loop of a flight: the stages in the order in which they happen."""
+"""Compiled loop of a flight, with its stages in the order of execution."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from moflock_mj.world.state import TrueState
 
 
 class Components(NamedTuple):
-    """What a flight is made of; the types of `dynamics`, `params`, `arena` and `faults` choose the implementations."""
+    """Components of a flight. The types of `dynamics`, `params`, `arena` and `faults` select the implementations."""
 
     schedule: Schedule
     dynamics: NamedTuple
@@ -35,14 +35,14 @@ class Components(NamedTuple):
 
 
 class SimulationState(NamedTuple):
-    """All that changes in flight, but for what a plant keeps to itself.
+    """State of a running flight, except that of dynamics and faults.
 
     Attributes:
         world: the true state.
-        desired: (2, N), m/s, world, the command in force.
-        sensor_state: errors and packets in the air.
-        observation: what each drone knows.
-        accumulator: sums behind the order parameters.
+        desired: (2, N), present velocity command, m/s, world.
+        sensor_state: GPS errors and packets in transit.
+        observation: observations of all drones.
+        accumulator: sums of the order parameters.
     """
 
     world: TrueState
@@ -54,7 +54,7 @@ class SimulationState(NamedTuple):
 
 @kernel
 def _sample(components: Components, memory: SimulationState, record: SampleBuffer, interval: int, k: int) -> None:
-    """Judge the state at this beat and write sample k."""
+    """Add the state at the start of an interval to the order parameters, and write sample k."""
     counts = interval >= components.schedule.first_counted
     world, accumulator = memory.world, memory.accumulator
     record.nearest[k] = count_sample(world, components.arena, components.ranges, counts, accumulator)
@@ -73,18 +73,18 @@ def _sample(components: Components, memory: SimulationState, record: SampleBuffe
 def run_intervals(
     components: Components, memory: SimulationState, draws: RandomBatch, record: SampleBuffer, first: int, count: int
 ) -> None:
-    """Fly `count` beats from beat `first`; a flight's first call also samples the start.
+    """Run `count` control intervals from number `first`; a flight's first call also writes the initial sample.
 
     Args:
-        components: what the flight is made of.
-        memory: the state; moves on.
-        draws: random numbers for these beats.
-        record: the samples that fall due; written.
-        first: number of the first beat.
-        count: number of beats.
+        components: components of the flight.
+        memory: state of the flight; advanced.
+        draws: random numbers of these intervals.
+        record: samples of these intervals; written.
+        first: number of the first interval.
+        count: number of intervals.
     """
     schedule, world, faults = components.schedule, memory.world, components.faults
-    sample, tick = 0, 0
+    sample, fix_number = 0, 0
     if first == 0:
         _sample(components, memory, record, 0, 0)
         sample = 1
@@ -94,23 +94,23 @@ def run_intervals(
             remember(memory.sensor_state, world, interval // schedule.sense_every)
             corrupt_packets(faults, memory.sensor_state, world, interval // schedule.sense_every)
         if interval % schedule.sense_every == 0:
-            heard = interval // schedule.sense_every - schedule.ticks_late
+            received_moment = interval // schedule.sense_every - schedule.ticks_late
             sense(
                 components.sensors,
                 memory.sensor_state,
                 world,
                 components.arena,
                 faults,
-                heard,
-                draws.gps[tick],
-                draws.loss[tick],
-                draws.fault_loss[tick],
+                received_moment,
+                draws.gps[fix_number],
+                draws.loss[fix_number],
+                draws.fault_loss[fix_number],
                 memory.observation,
             )
-            take_fix(components.dynamics, memory.sensor_state.velocity_error[0], draws.fix[tick : tick + 1])
+            take_fix(components.dynamics, memory.sensor_state.velocity_error[0], draws.fix[fix_number : fix_number + 1])
             desired_velocity(components.params, components.limits, memory.observation, memory.desired)
             hold_without_gps_or_link(faults, memory.desired)
-            tick += 1
+            fix_number += 1
         noise = noise_of_interval(draws, interval - first, schedule.steps_per_interval)
         advance(
             components.dynamics,

@@ -1,4 +1,4 @@
-"""The random numbers of a flight, drawn beforehand for the compiled code."""
+"""Random numbers of a flight, drawn in batches for the compiled loop."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 class RandomBatch(NamedTuple):
-    """Random numbers for the beats of one call, drawn beforehand in the order in which they are used.
+    """Random numbers for the intervals of one call, in the order of use.
+
+    From `fix` on, the first axis has length 0 for a kind that the flight does not use.
 
     Attributes:
-        gps: (ticks, 2, 2, N), N(0, 1).
-        loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no packet can be lost.
-        fault_loss: (ticks, N, N), uniform in [0, 1); (ticks, 0, 0) where no fault loses packets.
-        fix: (ticks, 2, N), N(0, 1), of barometer and compass.
-        outer: (steps, 2, N), N(0, 1).
-        gust: (beats, 5, N), N(0, 1).
-        inertial: (steps, 6, N), uniform in [0, 1), of gyroscope and accelerometer.
-        walk: (beats, 6, N), N(0, 1), of their biases.
-
-    From `fix` on, the first axis is of length 0 where a flight takes none of a kind.
+        gps: (fixes, 2, 2, N), N(0, 1), for GPS errors.
+        loss: (fixes, N, N), uniform in [0, 1), for packet loss; (fixes, 0, 0) if no packet can be lost.
+        fault_loss: (fixes, N, N), uniform in [0, 1), for link_loss; (fixes, 0, 0) if no fault loses packets.
+        fix: (fixes, 2, N), N(0, 1), for barometer and compass.
+        outer: (steps, 2, N), N(0, 1), for the velocity disturbance.
+        gust: (intervals, 5, N), N(0, 1), for gusts.
+        inertial: (steps, 6, N), uniform in [0, 1), for gyroscope and accelerometer.
+        walk: (intervals, 6, N), N(0, 1), for their biases.
     """
 
     gps: NDArray[np.float64]
@@ -42,15 +42,15 @@ class RandomBatch(NamedTuple):
 def draw(
     streams: RandomStreams, scenario: Scenario, dynamics: str, *, ticks: int, intervals: int, steps: int
 ) -> RandomBatch:
-    """Draw what some beats need; the same in all, however a flight is cut into calls.
+    """Draw the random numbers of consecutive intervals, independent of the division of a flight into calls.
 
     Args:
-        streams: the flight's generators.
-        scenario: says which kinds a flight takes.
-        dynamics: point masses take nothing of inertial sensors.
-        ticks: in which the drones sense.
-        intervals: see above.
-        steps: integration steps in all of them.
+        streams: generators of the flight.
+        scenario: scenario, which determines the kinds of random numbers.
+        dynamics: "rigid_body" or "point_mass"; point masses have no inertial sensors.
+        ticks: number of GPS fixes.
+        intervals: number of control intervals.
+        steps: number of integration steps in all intervals.
     """
     drones = scenario.drones
     imu = dynamics == "rigid_body" and scenario.imu is not None
@@ -70,7 +70,7 @@ def draw(
 
 @kernel
 def noise_of_interval(draws: RandomBatch, interval: int, steps: int) -> Noise:
-    """What beat number `interval` of the drawn ones, of `steps` integration steps, takes."""
+    """Random numbers of one interval of `steps` integration steps; `interval` counts from the start of the batch."""
     step = interval * steps
     return Noise(
         draws.outer[step : step + steps],
@@ -81,7 +81,7 @@ def noise_of_interval(draws: RandomBatch, interval: int, steps: int) -> Noise:
 
 
 class RandomStreams(NamedTuple):
-    """Independent generators; what one concern draws never shifts what another gets."""
+    """Independent random generators, one for each use, so that the uses do not affect each other."""
 
     start: np.random.Generator
     sensing: np.random.Generator
@@ -95,6 +95,6 @@ class RandomStreams(NamedTuple):
 
     @classmethod
     def of(cls, seed: int) -> RandomStreams:
-        """The generators that belong to a seed, a whole number from 0."""
+        """Create the generators of a seed, a whole number from 0."""
         children = np.random.SeedSequence(seed).spawn(len(cls._fields))
         return cls(*(np.random.Generator(np.random.SFC64(child)) for child in children))

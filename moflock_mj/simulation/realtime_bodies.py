@@ -1,4 +1,4 @@
-"""Rigid bodies flown in real time: each has its own height, and its rotors may stand still."""
+"""Rigid bodies for real-time simulation, with individual heights and stopped rotors."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from moflock_mj.simulation.random_numbers import RandomBatch, RandomStreams, dra
 from moflock_mj.simulation.setup import sensor_model
 from moflock_mj.world.state import TrueState
 
-_OFF_THE_GROUND = 0.05
-"""m above its stand, from which a body flies: below it its observer rests."""
+_FLYING_HEIGHT = 0.05
+"""Height above the stand from which a body flies, m; below it, its observer is reset."""
 
-_SHELTERED = 5.0
-"""m above its stand, from which a body feels all of the outer noise; on the ground it feels nothing, and in between its
-share. At full strength down to the ground, velocity goes astray by half a metre a second within a second: nobody lands
-in that, and ArduCopter, which touches down a metre off and asks for 20 degrees of lean to get there, does not take
-itself for landed. For air that is true near the ground there is `[wind]`."""
+_FULL_DISTURBANCE_HEIGHT = 5.0
+"""Height above the stand from which the full velocity disturbance acts, m. The disturbance is zero on the ground and
+linear between. The full disturbance at the ground changes the velocity by half a metre per second within a second,
+which prevents landing: ArduCopter touches down a metre off, commands 20 degrees of lean to return, and does not detect
+the landing. `[wind]` is a realistic model of the air near the ground."""
 
 
 @entry_kernel
@@ -36,7 +36,7 @@ def _advance(
     draws: RandomBatch,
     steps: int,
 ) -> None:
-    """One beat of `steps` integration steps, or none."""
+    """Advance one interval of `steps` integration steps, or none."""
     if steps > 0:
         advance(dynamics, world, desired, velocity_error, noise_of_interval(draws, 0, steps), steps)
 
@@ -45,7 +45,7 @@ def _advance(
 def _fix(
     dynamics: RigidBody, model: SensorModel, state: SensorState, gps: NDArray[np.float64], fix: NDArray[np.float64]
 ) -> None:
-    """One GPS fix: the errors drift, and the bodies' estimators take note of it."""
+    """Apply a GPS fix: advance the GPS errors, and correct the estimates of the bodies."""
     drift_gps(model, state, gps)
     take_fix(dynamics, state.velocity_error[0], fix)
 
@@ -54,26 +54,27 @@ class RealtimeBodies:
     """N bodies that stand on the ground until their rotors turn.
 
     Args:
-        scenario: airframe, response, bounds, noise, air and GPS errors.
-        places: (N, 2), m, world, where they stand.
-        streams: of all random numbers.
-        interval: integration steps between two changes of the air, and the unit in which they are advanced.
-        controlled: whether our controllers fly them; else the caller writes `thrust_command`.
+        scenario: airframe, response, limits, noise, effects and GPS errors.
+        places: (N, 2), initial positions, m, world.
+        streams: random generators.
+        interval: integration steps per control interval, the unit of `advance`.
+        controlled: True to run the controllers; otherwise the caller writes `thrust_command`.
 
     Attributes:
-        desired: (2, N), m/s, world, the velocity commanded; written by the caller, and so are the next two.
-        altitude: (N,), m, of the body's centre, to be held.
-        stopped: (N, 4), 1 for a rotor that stands still.
-        thrust_command: (N, 4), N.
-        position_error: (2, N), m, of each body's GPS.
-        velocity_error: (2, N), m/s, of each body's GPS; what is added to it goes away as other errors do.
-        airframe: of all bodies.
-        ground: m, height of the centre of a body that stands.
-        radius: m, of a body's collision shape.
-        step: s.
+        desired: (2, N), commanded velocity, m/s, world; written by the caller.
+        altitude: (N,), height of the body's centre to hold, m; written by the caller.
+        stopped: (N, 4), 1 for a stopped rotor; written by the caller.
+        thrust_command: (N, 4), commanded thrust of each rotor, N.
+        position_error: (2, N), GPS position error of each body, m.
+        velocity_error: (2, N), GPS velocity error of each body, m/s; an offset added by the caller decays like other
+            errors.
+        airframe: airframe of all bodies.
+        ground: height of the centre of a body on the ground, m.
+        radius: radius of a body's collision shape, m.
+        step: integration step, s.
 
     Raises:
-        MoflockError: the scenario cannot be flown by rigid bodies.
+        MoflockError: the scenario is not possible with rigid bodies.
     """
 
     def __init__(
@@ -87,16 +88,18 @@ class RealtimeBodies:
     ) -> None:
         drones = len(places)
         if scenario.faults:
-            raise ScenarioError("faults: live bodies have none of a scenario: take them out; a fleet has its own")
+            raise ScenarioError(
+                "faults: not supported by real-time bodies: they must be absent; a fleet has its own faults"
+            )
         self.step = scenario.step_for("rigid_body")
         self._world = TrueState.at_rest(drones)
         self._world.position[:2] = places.T
-        self._beat, self._scenario = interval, scenario.replace(drones=drones)
+        self._interval, self._scenario = interval, scenario.replace(drones=drones)
         wind = make_wind(self._scenario, interval * self.step, streams.wind)
         simulation = RigidBodyModel(
             self._scenario, self.step, interval, self._world, wind, Off(), controlled=controlled
         )
-        self._simulation = simulation  # keeps alive what the plant points to
+        self._simulation = simulation  # keeps the MuJoCo objects alive, whose addresses are in the dynamics
         self._dynamics = dynamics = simulation.dynamics
         self._streams = streams
         self.ground, self.radius = simulation.airframe.half_height, simulation.airframe.radius
@@ -110,45 +113,45 @@ class RealtimeBodies:
         self._sensor_state = SensorState.at_start(self._world, 0)
         self._steps_per_fix = round(scenario.t_gps / self.step)
         self._steps_to_fix = 0
-        # What a vehicle tells others is what it reads itself: the first of the two processes does for both.
+        # A vehicle sends its own measured position, so that the first of the two error processes serves both.
         self.position_error = self._sensor_state.position_error[0]
         self.velocity_error = self._sensor_state.velocity_error[0]
         self.altitude = dynamics.state.altitude
         self.stopped = dynamics.state.stopped
         self.thrust_command = dynamics.state.thrust_command
         self.airframe = simulation.airframe
-        self._advance_interval(0)  # compiles, so that the first real step takes no longer than the others
+        self._advance_interval(0)  # compiles, so that the first step in real time is not delayed
 
     @property
     def qpos(self) -> NDArray[np.float64]:
-        """(N, 7), position m world, quaternion w x y z; to be read."""
+        """(N, 7), position (m, world) and quaternion w x y z; read-only."""
         return self._dynamics.state.qpos
 
     @property
     def qvel(self) -> NDArray[np.float64]:
-        """(N, 6), velocity m/s world, body rates rad/s body; to be read."""
+        """(N, 6), velocity (m/s, world) and body rates (rad/s, body); read-only."""
         return self._dynamics.state.qvel
 
     def advance(self, steps: int) -> None:
-        """Move all bodies by some integration steps, in whole beats, and their GPS errors once in t_gps.
+        """Advance all bodies by integration steps, in whole intervals, and their GPS errors once per t_gps.
 
         Raises:
-            ValueError: the steps are no whole number of beats.
+            ValueError: the steps are not a multiple of the interval.
         """
-        if steps % self._beat:
-            raise ValueError(f"steps: {steps} must be a multiple of the beat, {self._beat}")
-        for _ in range(steps // self._beat):
-            self._advance_interval(self._beat)
+        if steps % self._interval:
+            raise ValueError(f"steps: {steps} must be a multiple of the interval, {self._interval}")
+        for _ in range(steps // self._interval):
+            self._advance_interval(self._interval)
 
     def _advance_interval(self, steps: int) -> None:
         self._steps_to_fix -= steps
         fix_due = self._steps_to_fix <= 0
         draws = draw(self._streams, self._scenario, "rigid_body", ticks=int(fix_due), intervals=1, steps=steps)
         height = self.qpos[:, 2] - self.ground
-        draws.outer[:] *= np.clip(height / _SHELTERED, 0.0, 1.0)
-        standing = height < _OFF_THE_GROUND
-        # An observer that felt the ground would take it for an updraught, and sag after take-off.
-        self._dynamics.state.observer[standing] = 0
+        draws.outer[:] *= np.clip(height / _FULL_DISTURBANCE_HEIGHT, 0.0, 1.0)
+        on_ground = height < _FLYING_HEIGHT
+        # An observer would treat the force of the ground as an updraught, and the body would sink after take-off.
+        self._dynamics.state.observer[on_ground] = 0
         if fix_due:
             self._steps_to_fix += self._steps_per_fix
             _fix(self._dynamics, self._sensors, self._sensor_state, draws.gps[0], draws.fix)

@@ -1,4 +1,4 @@
-"""The result of a flight, and the observers of a running one."""
+"""Results of a flight, and interface of the observers of a running one."""
 
 from __future__ import annotations
 
@@ -21,38 +21,40 @@ from moflock_mj.scenario.scenario import Scenario
 
 
 def kept_samples(flight: AnyFlight) -> Samples:
-    """A flight's samples.
+    """Samples of a flight.
 
     Raises:
-        RenderError: it has none.
+        RenderError: the flight has no samples.
     """
     if flight.samples is None or not flight.samples.t.size:
-        raise RenderError("samples: the flight has none, must have 1 or more; fly with keep_samples, or read its log")
+        raise RenderError(
+            "samples: the flight has none: it must have at least 1; fly with keep_samples, or read its log"
+        )
     return flight.samples
 
 
 Progress = Callable[[float, Fitness], None]
-"""Told, now and then, the simulated time in s and the running fitness."""
+"""Callback during a flight with the simulated time (s) and the running fitness."""
 
 
 class FlightObserver(Protocol):
-    """Something that is told of a flight while it is flown: its log, a live view."""
+    """Observer of a running flight, such as a log or a live view."""
 
     @property
     def needs_states(self) -> bool:
-        """Whether the next samples are to be flown with whole states."""
+        """True if the next samples must include complete states."""
         ...
 
     def store_state(self) -> None:
-        """Keep the whole state, if that is due: before the first samples and after each chunk."""
+        """Store the complete state if it is due; called before the first samples and after each record."""
         ...
 
     def write(self, time_ns: NDArray[np.int64], record: SampleBuffer, events: list[FlightEvent]) -> None:
-        """Take some samples and the events in them."""
+        """Process consecutive samples and their events."""
         ...
 
     def finish(self, record: SampleBuffer) -> None:
-        """Take note of the flight's end, at the last of these samples."""
+        """Process the end of the flight, at the last of these samples."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -63,15 +65,15 @@ class FlightObserver(Protocol):
 
 
 class BodyFigures(NamedTuple):
-    """What only a rigid body has.
+    """Figures of a rigid-body flight.
 
     Attributes:
-        touched: drones that touched another one or the ground.
-        lost: drones that have come down: at the end they are below half of the flock's altitude.
-        tilt_max: rad, largest tilt of a body.
-        altitude_error_max: m.
-        saturated_share: share of the drones' time in which a rotor was commanded to its limit.
-        energy: J, that all rotors together took.
+        touched: number of drones that touched another one or the ground.
+        lost: number of crashed drones, which end below half of the flight altitude.
+        tilt_max: largest tilt of a body, rad.
+        altitude_error_max: largest altitude error, m.
+        saturated_share: fraction of the flight time of all drones with a rotor command at its limit.
+        energy: energy consumed by all rotors, J.
     """
 
     touched: int
@@ -84,20 +86,20 @@ class BodyFigures(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AnyFlight:
-    """What is known of a flight, whether it was flown just now or is read from its log.
+    """Data of a flight, either simulated or read from a log.
 
     Attributes:
-        params: the policy's parameters.
-        scenario: what was flown.
+        params: parameters of the policy.
+        scenario: scenario of the flight.
         dynamics: "rigid_body" or "point_mass", or "deployed" for vehicles over MAVLink.
-        seed: of all random numbers.
-        flown: s, simulated, or of a deployed flight in the flock; less than the scenario's duration if the flight
-            was stopped.
-        order_parameters: over the flight.
-        fitness: of them.
-        samples: the flight; None if they were not kept.
-        events: touches, near misses, breaches, faults, in order of time.
-        log: where it is logged, or None.
+        seed: seed of all random numbers.
+        flown: simulated time, or time in the flock of a deployed flight, s; less than the scenario's duration if the
+            flight was stopped.
+        order_parameters: order parameters of the flight.
+        fitness: fitness of the order parameters.
+        samples: samples of the flight; None if they were not kept.
+        events: contacts, near misses, exits and faults, in order of time.
+        log: path of the log, or None.
     """
 
     params: NamedTuple
@@ -113,24 +115,24 @@ class AnyFlight:
 
     @property
     def flock_name(self) -> str:
-        """What flew, and how many."""
+        """Number and kind of the drones."""
         kinds = {"rigid_body": f"{self.scenario.airframe} rigid bodies", "point_mass": "point masses"}
         return f"{self.scenario.drones} {kinds.get(self.dynamics, 'vehicles over MAVLink')}"
 
     @property
     def complete(self) -> bool:
-        """Whether the flight lasted as long as its scenario."""
+        """True if the flight lasted as long as its scenario."""
         return self.flown >= self.scenario.duration - 1e-9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Flight(AnyFlight):
-    """A flight that is over.
+    """Result of a simulated flight.
 
     Attributes:
-        motion: how well it was flown.
-        body: what only rigid bodies have; None for point masses.
-        wall_seconds: how long it took.
+        motion: tracking errors and separation.
+        body: figures of rigid bodies; None for point masses.
+        wall_seconds: wall-clock time of the flight, s.
     """
 
     motion: MotionFigures

@@ -1,4 +1,4 @@
-"""What a scenario and a policy's parameters say of a flight, resolved once: arena, limits, sensors, metric ranges."""
+"""Setup of a flight from scenario and policy parameters: arena, limits, sensors, metric ranges."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from moflock_mj.sensing.gps import SensorModel
 
 
 class FlightSetup(NamedTuple):
-    """The parts of a flight that do not change in flight, whether it is simulated or deployed.
+    """Constant components of a flight, simulated or deployed.
 
     Attributes:
-        params: the policy's parameters, checked.
-        scenario: what is flown.
-        arena: its type chooses the walls.
-        limits: speeds that the policy keeps, m/s.
-        sensors: GPS errors and communication.
+        params: parameters of the policy, checked.
+        scenario: scenario of the flight.
+        arena: arena, whose type selects the implementation of the walls.
+        limits: speed limits of the policy, m/s.
+        sensors: model of GPS errors and communication.
         ranges: distances of the order parameters, m.
     """
 
@@ -33,7 +33,7 @@ class FlightSetup(NamedTuple):
 
     @classmethod
     def resolve(cls, params: NamedTuple, scenario: Scenario) -> FlightSetup:
-        """The setup of a flight.
+        """Create the setup of a flight.
 
         Raises:
             PointError: the parameters are not valid.
@@ -50,7 +50,7 @@ class FlightSetup(NamedTuple):
 
 
 def sensor_model(scenario: Scenario) -> SensorModel:
-    """GPS errors and communication of a scenario."""
+    """Model of GPS errors and communication of a scenario."""
     return SensorModel(
         t_gps=scenario.t_gps,
         sigma_inner=scenario.sigma_inner,

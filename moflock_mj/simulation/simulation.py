@@ -1,4 +1,4 @@
-"""A flock in flight: builds the stages that a scenario asks for, and flies them chunk by chunk."""
+"""Simulation of a flock: construction from a scenario, and execution in chunks."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _MUJOCO = "mujoco"
 
 
 class Simulation:
-    """A flight that has been built and not yet flown to its end.
+    """Simulation of one flight.
 
     Args:
-        params: the policy's parameters.
-        scenario: what is flown.
+        params: parameters of the policy.
+        scenario: scenario of the flight.
         dynamics: "rigid_body" or "point_mass".
-        seed: a whole number from 0.
+        seed: whole number from 0.
 
     Raises:
-        MoflockError: the scenario cannot be flown with these dynamics.
+        MoflockError: the scenario is not possible with these dynamics.
     """
 
     def __init__(self, params: NamedTuple, scenario: Scenario, dynamics: str = "rigid_body", seed: int = 1) -> None:
@@ -61,7 +61,7 @@ class Simulation:
         self.faults = make_fault_schedule(scenario, dynamics, self.step, schedule)
         model: NamedTuple
         if dynamics == "rigid_body":
-            from moflock_mj.dynamics.rigid_body import RigidBodyModel  # noqa: PLC0415 - point masses fly without MuJoCo
+            from moflock_mj.dynamics.rigid_body import RigidBodyModel  # noqa: PLC0415 - point masses do not need MuJoCo
 
             self.body = RigidBodyModel(scenario, self.step, schedule.steps_per_interval, world, self.wind, self.faults)
             model = self.body.dynamics
@@ -86,38 +86,39 @@ class Simulation:
             accumulator=MetricAccumulator.empty(scenario.drones, arena.walls),
         )
         self.interval = 0
-        """Beats flown so far."""
+        """Number of completed control intervals."""
 
     @property
     def time(self) -> float:
-        """Simulated time flown so far, s."""
+        """Simulated time so far, s."""
         return self.interval * self.components.schedule.steps_per_interval * self.step
 
     @property
     def samples(self) -> int:
-        """Samples taken so far, with that of the start."""
+        """Number of samples so far, including the initial one."""
         return self.interval // self.components.schedule.sample_every + 1 if self.interval else 0
 
     @property
     def finished(self) -> bool:
+        """True at the end of the scenario."""
         return self.interval >= self.components.schedule.intervals
 
     def run(self, seconds: float, *, whole_states: bool = False) -> SampleBuffer:
-        """Fly on for `seconds` of simulated time (at least a beat), or to the flight's end if that is sooner.
+        """Run for `seconds` of simulated time (at least one interval), or to the end of the flight.
 
         Args:
-            seconds: simulated time.
-            whole_states: whether the record holds qpos and qvel too.
+            seconds: simulated time, s.
+            whole_states: True to include qpos and qvel in the record.
 
         Returns:
-            The samples that fell due; after the first call, that of the start as well.
+            The samples of this time; those of the first call include the initial sample.
 
         Raises:
             FlightError: a state is no longer finite.
         """
         schedule = self.components.schedule
-        wanted = max(round(seconds / (schedule.steps_per_interval * self.step)), 1)
-        count = min(wanted, schedule.intervals - self.interval)
+        requested = max(round(seconds / (schedule.steps_per_interval * self.step)), 1)
+        count = min(requested, schedule.intervals - self.interval)
         end = self.interval + count
         samples = end // schedule.sample_every - self.interval // schedule.sample_every + (self.interval == 0)
         record = SampleBuffer.empty(samples, samples if whole_states else 0, self.scenario.drones)
@@ -129,38 +130,38 @@ class Simulation:
         return record
 
     def _draw(self, intervals: int) -> RandomBatch:
-        """Random numbers for the next beats, the same however a flight is cut into calls."""
+        """Draw the random numbers of the next intervals."""
         schedule = self.components.schedule
         ticks = -(-(self.interval + intervals) // schedule.sense_every) - -(-self.interval // schedule.sense_every)
         steps = intervals * schedule.steps_per_interval
         return draw(self.streams, self.scenario, self.dynamics, ticks=ticks, intervals=intervals, steps=steps)
 
     def set_parameters(self, params: NamedTuple) -> None:
-        """Fly on with other parameters of the same policy, from the next time that the drones decide.
+        """Change the parameters, within the same policy, from the next fix on.
 
         Raises:
-            PointError: they are not valid, or of another policy.
+            PointError: the parameters are not valid, or of another policy.
         """
         setup = FlightSetup.resolve(params, self.scenario)
         if type(setup.params) is not type(self.params):
             raise PointError(
-                f"policy: {spec_of(params).name!r} is another than the flight's, {spec_of(self.params).name!r}"
+                f"policy: {spec_of(params).name!r} is not that of the flight: it must be {spec_of(self.params).name!r}"
             )
         self.params = setup.params
         self.components = self.components._replace(params=setup.params, ranges=setup.ranges)
 
     @property
     def touched_with(self) -> NDArray[np.int64] | None:
-        """(N,), what each drone that touched something has touched; None for point masses without faults.
+        """(N,), number of the drone in the first contact of each drone, -1 for the ground or without contact.
 
-        Point masses touch nothing but the ground, when they are switched off.
+        The array is None for point masses without faults. Point masses touch only the ground, after power_off.
         """
         if self.body:
             return self.body.dynamics.statistics.touch_with
         return np.full(self.scenario.drones, -1) if self.scenario.faults else None
 
     def snapshot(self) -> bytes:
-        """The whole state, from which `restore` goes on bit by bit."""
+        """Complete state, from which `restore` continues bit-identically."""
         facts = {name: generator_facts(rng) for name, rng in self.streams._asdict().items()}
         arrays = self._arrays()
         if self.body:
@@ -168,7 +169,7 @@ class Simulation:
         return pack(arrays, {"interval": self.interval, "streams": facts})
 
     def restore(self, snapshot: bytes) -> None:
-        """Go to a state that a simulation of the same scenario and dynamics was in.
+        """Restore a state of a simulation with the same scenario and dynamics.
 
         Raises:
             LogError: not a snapshot of such a simulation.
@@ -192,6 +193,6 @@ class Simulation:
         self.interval = interval
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array that changes in flight, but for the observation, which is made anew before it is used."""
+        """All arrays that change in flight, except the observation, which is recomputed before its next use."""
         kept = self.memory._replace(observation=Observation.empty(0, 0))
         return arrays_of({"flight": kept, "dynamics": self.components.dynamics, "faults": self.faults})

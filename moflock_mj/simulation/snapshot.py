@@ -1,4 +1,4 @@
-"""A flight's whole state as bytes: arrays and generators, without pickles, to resume from bit by bit."""
+"""Snapshots: the complete state of a flight as bytes, without pickles, for a bit-identical continuation."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from moflock_mj.errors import LogError
 
 _KINDS = {"<f8", "<i8", "<i4", "|u1"}
-"""Types that an array may have."""
+"""Permitted array types."""
 
 
 def arrays_of(state: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Every array in nested named tuples or mappings, by its dotted name.
+    """Collect the arrays in nested named tuples or mappings, by dotted name.
 
-    Constants of a flight lie in fields that are called `model`, which are left out. An array that is found a second
-    time, such as that of a wind that two stages share, keeps its first name. Empty arrays are left out.
+    Fields named `model` hold constants of a flight and are excluded, as are empty arrays. An array that occurs twice,
+    such as that of a wind shared by two stages, has the first of its names.
     """
     found: dict[str, NDArray[Any]] = {}
     _collect(state, prefix, found, set())
@@ -40,14 +40,14 @@ def _collect(state: Any, name: str, found: dict[str, NDArray[Any]], seen: set[in
 
 
 def pack(arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> bytes:
-    """The arrays and some JSON facts: a length, a JSON header, then the arrays' bytes one after the other."""
+    """Pack arrays and JSON facts into bytes: length of the header, JSON header, and bytes of the arrays."""
     layout = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
     header = json.dumps({"arrays": layout, "facts": facts}).encode()
     return b"".join([len(header).to_bytes(8, "little"), header, *(array.tobytes() for array in arrays.values())])
 
 
 def unpack(content: bytes) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """What `pack` packed; the content may come from anywhere.
+    """Unpack the bytes of `pack`, which may be from an untrusted source.
 
     Raises:
         LogError: not a snapshot.
@@ -71,12 +71,12 @@ def unpack(content: bytes) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 
 def generator_facts(rng: np.random.Generator) -> Any:
-    """The state of a generator as JSON values."""
+    """State of a generator as JSON values."""
     return _plain(rng.bit_generator.state)
 
 
 def set_generator(rng: np.random.Generator, facts: Any) -> None:
-    """Put a generator into a state that `generator_facts` told.
+    """Restore a generator's state from `generator_facts`.
 
     Raises:
         LogError: not the state of such a generator.

@@ -1,1 +1,1 @@
-"""Where the flock flies: true state, constants, arenas, obstacles."""
+"""World of a flight: true state, physical constants, arenas and walls."""

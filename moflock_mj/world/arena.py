@@ -1,7 +1,7 @@
-"""The table `[arena]` of a scenario, and the registry of shapes.
+"""Table `[arena]` of a scenario, and registry of arena shapes.
 
-A shape is a named tuple of numbers in a module of its own. Its type chooses the implementation of `locate_walls`, and
-it has the methods of `Arena`. All other code asks an arena by these, and names no shape.
+A shape is a named tuple of numbers in a module of its own, with the methods of `Arena` and an implementation of
+`locate_walls`. All other code uses these and does not depend on the shape.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from moflock_mj.world import circle, square
 
 
 class Arena(Protocol):
-    """What every arena answers; lengths in m, positions in the world frame."""
+    """Interface of an arena; lengths in m, positions in the world frame."""
 
     @property
     def walls(self) -> int:
-        """Rows that `locate_walls` writes for each drone."""
+        """Number of walls W that `locate_walls` writes for each drone."""
         ...
 
     @property
     def title(self) -> str:
-        """The arena in a few words, such as "500 m arena"."""
+        """Short description, such as "500 m arena"."""
         ...
 
     def outline(self) -> NDArray[np.float64]:
@@ -40,32 +40,32 @@ class Arena(Protocol):
         ...
 
     def area(self) -> float:
-        """m^2, from above."""
+        """Area, m^2."""
         ...
 
     def sample(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-        """Places that are uniform in the arena: (count, 2)."""
+        """Sample positions uniformly in the arena: (count, 2)."""
         ...
 
     def inset(self, margin: float) -> Arena:
-        """The arena with every wall moved inwards by the margin; outwards if it is negative."""
+        """Arena with every wall moved inwards by the margin, or outwards if it is negative."""
         ...
 
     def distance_outside(self, position: ArrayLike) -> NDArray[np.float64]:
-        """How far positions (..., 2 or 3) are beyond the boundary: (...); negative inside."""
+        """Distance of positions (..., 2 or 3) beyond the boundary: (...); negative inside."""
         ...
 
     def circle(self) -> tuple[float, float, float] | None:
-        """Centre x and y, and radius, of a round arena; None for one with corners."""
+        """Centre x, centre y and radius of a round arena; None for a polygon."""
         ...
 
 
 SHAPES: dict[str, Any] = {module.SHAPE: module for module in (square, circle)}
-"""Modules of shapes by name. Each has `SHAPE`, the class `ARENA`, and `FIELDS`."""
+"""Modules of shapes by name. Each module defines `SHAPE`, the class `ARENA`, and `FIELDS`."""
 
 
 class ArenaField(NamedTuple):
-    """A number of a shape, in the table `[arena]`."""
+    """Field of a shape in the table `[arena]`."""
 
     name: str
     unit: str
@@ -75,7 +75,7 @@ class ArenaField(NamedTuple):
 
 
 def arena_fields(shape: str) -> tuple[ArenaField, ...]:
-    """The numbers of a shape."""
+    """Fields of a shape."""
     return tuple(ArenaField(*field) for field in SHAPES[shape].FIELDS)
 
 
@@ -83,7 +83,7 @@ def shape_of(arena: Any) -> str:
     """Name of an arena's shape.
 
     Raises:
-        ScenarioError: it is no arena.
+        ScenarioError: not an arena.
     """
     for name, module in SHAPES.items():
         if type(arena) is module.ARENA:
@@ -92,7 +92,7 @@ def shape_of(arena: Any) -> str:
 
 
 def check_arena(arena: Any) -> Arena:
-    """An arena whose numbers are floats within their bounds.
+    """Check the fields of an arena, and convert them to floats.
 
     Raises:
         ScenarioError: one line that names the field, the value and the limit.
@@ -103,10 +103,10 @@ def check_arena(arena: Any) -> Arena:
 
 
 def read_arena(table: Any) -> Arena:
-    """An arena from its table: `shape`, and the numbers of that shape.
+    """Create an arena from its table: `shape`, and the fields of that shape.
 
     Raises:
-        ScenarioError: no table, an unknown shape, or see `check_arena`.
+        ScenarioError: not a table, an unknown shape, or see `check_arena`.
     """
     if not isinstance(table, Mapping):
         raise ScenarioError(f"arena: {table!r} is of the wrong type: it must be a table, [arena]")
@@ -122,7 +122,7 @@ def read_arena(table: Any) -> Arena:
 
 
 def arena_table(arena: Any) -> dict[str, Any]:
-    """The table of an arena, as `read_arena` reads it."""
+    """Table of an arena, in the form of `read_arena`."""
     shape = shape_of(arena)
     return {"shape": shape, **dict(zip((field.name for field in arena_fields(shape)), arena, strict=True))}
 

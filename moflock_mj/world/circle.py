@@ -1,4 +1,4 @@
-"""A round arena."""
+"""Round arena."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from controllers.compiling import implements
 from moflock_mj.world.walls import locate_walls
 
 _CORNERS = 64
-"""Corners of the polygon that stands for the circle in pictures."""
+"""Number of corners of the polygon that approximates the circle in figures."""
 
 
 class Circle(NamedTuple):
-    """A circle centred at the origin; see `Arena`.
+    """Circle centred at the origin; see `Arena`.
 
     Attributes:
-        radius: m.
+        radius: radius, m.
     """
 
     radius: float
 
     @property
     def walls(self) -> int:
-        """The nearest point of the circle."""
+        """One wall: the tangent at the nearest point of the circle."""
         return 1
 
     @property
@@ -63,10 +63,10 @@ def locate_round_wall(
 ) -> None:
     for i in range(position.shape[1]):
         x, y = position[0, i], position[1, i]
-        away = sqrt(x * x + y * y)
-        distance[0, i] = arena.radius - away
-        normal[0, 0, i] = -x / away if away > 0 else 1.0
-        normal[0, 1, i] = -y / away if away > 0 else 0.0
+        distance_to_centre = sqrt(x * x + y * y)
+        distance[0, i] = arena.radius - distance_to_centre
+        normal[0, 0, i] = -x / distance_to_centre if distance_to_centre > 0 else 1.0
+        normal[0, 1, i] = -y / distance_to_centre if distance_to_centre > 0 else 0.0
 
 
 SHAPE = "circle"

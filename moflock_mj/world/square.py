@@ -1,4 +1,4 @@
-"""The square arena of the paper."""
+"""Square arena, as in the paper."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from moflock_mj.world.walls import locate_walls
 
 
 class Square(NamedTuple):
-    """A square centred at the origin, its sides along x and y; see `Arena`.
+    """Square centred at the origin, with sides along x and y; see `Arena`.
 
     Attributes:
-        side: m.
+        side: length of a side, m.
     """
 
     side: float
 
     @property
     def walls(self) -> int:
-        """The nearer wall of each axis."""
+        """Two walls: the nearer one of each axis."""
         return 2
 
     @property

@@ -1,4 +1,4 @@
-"""The stage that finds the walls of an arena as each drone sees them."""
+"""Stage that locates the walls of an arena relative to each drone."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from controllers.compiling import stage
 def locate_walls(
     arena: NamedTuple, position: NDArray[np.float64], distance: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> None:
-    """Write the walls as seen from `position`.
+    """Write distance and normal of each wall for each drone.
 
     Args:
         arena: the arena.
-        position: (2 or more, N), m, world; x and y are used.
-        distance: (W, N), m, to each wall, negative beyond it; written.
-        normal: (W, 2, N), unit vectors from each wall inwards; written.
+        position: (2 or more, N), positions, m, world; x and y are used.
+        distance: (W, N), distance to each wall, m, negative beyond it; written.
+        normal: (W, 2, N), unit normal of each wall, inwards; written.
     """
     raise NotImplementedError

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -17,9 +16,9 @@ import numpy as np
 from moflock_mj import Scenario, fly, load_point
 from moflock_mj.scenario import effect_configs
 from moflock_mj.simulation.simulation import Simulation
+from tests.support.cli import MOFLOCK
 
 POINT = load_point("model_optimum")
-MOFLOCK = Path(sys.executable).parent / "moflock"
 
 
 def best_of(repeats: int, action: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:

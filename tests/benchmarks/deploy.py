@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from moflock_mj import Scenario, fly, load_point
+from tests.support.cli import MOFLOCK
 
-MOFLOCK = Path(sys.executable).parent / "moflock"
 BASE_PORT = 15900
 SEEDS = range(1, 9)
 RUNS = ((10, 250.0, 120.0, "px4"), (10, 250.0, 120.0, "ardupilot"), (30, 400.0, 60.0, "px4"))

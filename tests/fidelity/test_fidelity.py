@@ -8,6 +8,7 @@ import pytest
 from tests.fidelity.robotsim import F_LIMIT, JUDGED, compare, paper_rows, reference_points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["model_optimum", "A", "r06"])
 def test_a_point_agrees_with_robotsim(name):
     params, theirs = reference_points()[name]
@@ -18,6 +19,7 @@ def test_a_point_agrees_with_robotsim(name):
         assert abs(comparison.f_difference[objective]) < 0.3
 
 
+@pytest.mark.slow
 def test_points_a_and_b_are_within_a_deviation_of_the_paper():
     for point, objective, ours, mean, deviation in paper_rows(range(1, 21)):
         assert abs(ours - mean) <= deviation, (point, objective)

@@ -96,7 +96,7 @@ def test_a_drone_that_loses_gps_slows_and_holds_and_then_flies_on(dynamics):
     assert speed[250:400, [0, 1, 2, 4, 5, 6, 7, 8, 9]].mean() > 4.0
 
 
-def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it():
+def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_reports_it():
     """V' = -v / tau, from v: it stops after v tau."""
     scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_loss", at=10.0, drone=3),), arena_side=100.0)
     simulation = Simulation(POINT, scenario, "point_mass", 4)
@@ -115,7 +115,7 @@ def test_a_point_mass_without_gps_stops_after_its_stopping_distance_and_tells_it
 
 
 @BOTH
-def test_a_jump_is_read_at_once_and_told_a_delay_later(dynamics):
+def test_a_jump_is_read_at_once_and_sent_a_delay_later(dynamics):
     scenario = PERFECT.replace(faults=(FaultConfig(kind="gps_jump", at=2.0, duration=3.0, drone=1, jump=(5.0, -2.0)),))
     simulation, truth, read, heard = Simulation(POINT, scenario, dynamics, 1), [], [], []
     for _ in range(40):
@@ -260,7 +260,7 @@ def test_it_is_the_same_however_it_is_cut_and_from_any_snapshot(dynamics):
 
 
 @BOTH
-def test_its_log_tells_the_faults_and_is_verified_and_resumed(tmp_path, dynamics):
+def test_its_log_has_the_faults_and_is_verified_and_resumed(tmp_path, dynamics):
     scenario = FLOCK.replace(duration=13.0, drones=6, arena_side=100.0, faults=MANY)
     path = tmp_path / "a.mcap"
     flight = fly(POINT, scenario=scenario, dynamics=dynamics, seed=3, log=path)

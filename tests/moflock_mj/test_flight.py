@@ -118,7 +118,7 @@ def test_packets_are_lost_at_the_asked_rate():
     np.testing.assert_array_equal(flights[0].samples.position, flights[1].samples.position)
 
 
-def test_progress_is_told_and_a_wish_to_stop_ends_the_flight():
+def test_progress_is_reported_and_a_wish_to_stop_ends_the_flight():
     told = []
     scenario = SHORT.replace(duration=40.0)
     flight = fly(

@@ -7,8 +7,6 @@ import importlib.util
 import json
 import os
 import re
-import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,45 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from moflock_mj.mavlink.signing import KEY_VARIABLE
+from tests.support.cli import BIN
+from tests.support.vehicles import free_port, running_fleet
 
-BIN = Path(sys.executable).parent
 SUPPORT = Path(__file__).parents[1] / "support"
 MAVPROXY = BIN / "mavproxy.py"
 
+pytestmark = pytest.mark.slow
 needs_mavsdk = pytest.mark.skipif(importlib.util.find_spec("mavsdk") is None, reason="mavsdk is not installed")
 needs_mavproxy = pytest.mark.skipif(not MAVPROXY.exists(), reason="MAVProxy is not installed")
-
-CALM = "sigma_outer = 0.0\nsigma_inner = 0.0\n"
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-@contextlib.contextmanager
-def running_fleet(folder, *arguments, key=None):
-    """A fleet in a process of its own; gives what it says of its endpoints."""
-    (folder / "calm.toml").write_text(CALM)
-    command = [BIN / "moflock", "fleet", "--base-port", "0", "--boot", "3", "--json", "--scenario", "calm.toml"]
-    fleet = subprocess.Popen(
-        [*command, "--vehicles", "1", *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-        env={**os.environ, KEY_VARIABLE: key} if key else None,
-    )  # fmt: skip
-    try:
-        line = fleet.stdout.readline()
-        assert line, fleet.stderr.read()
-        yield json.loads(line)
-    finally:
-        fleet.send_signal(signal.SIGTERM)
-        stdout, stderr = fleet.communicate(timeout=60)
-    assert fleet.returncode == 0, stderr
-    if key is None:  # else the client may have spoken before it knew the key
-        assert json.loads(stdout)["dropped"] == 0
-    assert stderr == ""
 
 
 @needs_mavsdk

@@ -13,8 +13,10 @@ from moflock_mj.deployment.member import Stage
 from moflock_mj.deployment.return_paths import distance, is_clear
 from moflock_mj.simulated_vehicles import ardupilot, px4
 from moflock_mj.simulated_vehicles.vehicle_faults import Schedule, VehicleFault
-from tests.operations.test_deployment_faults import FAILSAFES, SMALL
-from tests.support.rehearsal import rehearse
+from tests.support.rehearsal import SMALL, rehearse
+from tests.support.vehicles import FAILSAFES
+
+pytestmark = pytest.mark.slow
 
 
 def ended(autopilot="ardupilot", scenario=SMALL, **plan):
@@ -98,14 +100,14 @@ def test_who_does_not_arm_ends_it_and_all_come_down():
         await asyncio.sleep(100.0)
 
     deployed, truth, _ = ended(story=spoil, interval=3.0)
-    assert "vehicle 4 at 127.0.0.1:14603: does not arm: it says PreArm: Battery 1 below" in deployed.error
+    assert "vehicle 4 at 127.0.0.1:14603: does not arm: it reports PreArm: Battery 1 below" in deployed.error
     assert deployed.figures.flocked == 0
     assert truth.flying.any()
     assert not truth.armed[-1].any()
 
 
 def test_nobody_is_left_alone_while_an_order_to_arm_is_on_its_way():
-    """Links of 2 s each way: Ctrl-C comes when all have been told to arm, and none has yet."""
+    """Links of 2 s each way: Ctrl-C comes when all have the order to arm, and none has armed yet."""
 
     async def press(interrupts, fleet):
         while not interrupts.in_flight:
@@ -137,11 +139,11 @@ def test_a_controller_that_is_late_sends_no_heartbeats():
         await asyncio.sleep(14.0)
         loop = asyncio.get_running_loop()
         for _ in range(40):
-            loop._jump.now += 0.4
+            loop.hold_up(0.4)
             await asyncio.sleep(0.01)
 
     deployed, _, _ = ended(story=hold_up)
-    assert any("no heartbeats until it is well" in event.message for event in deployed.events)
+    assert any("heartbeats stop until it recovers" in event.message for event in deployed.events)
 
 
 def test_health():
@@ -154,7 +156,7 @@ def test_health():
         now += 0.3
         health.take(now, 0.25)
     assert not health.well
-    assert [level for level, _ in health.told()] == ["error"]
+    assert [level for level, _ in health.new_events()] == ["error"]
     for _ in range(59):
         now += 0.05
         assert not health.take(now, 0.0)

@@ -52,6 +52,7 @@ def node_packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_javascript_reader_finds_every_record_and_every_checksum_right(log: Path, node_packages: Path) -> None:
     script = Path(__file__).with_name("read_log.mjs")
     command = ["node", str(script), str(log), str(node_packages)]
@@ -67,6 +68,7 @@ def test_the_javascript_reader_finds_every_record_and_every_checksum_right(log: 
     assert told["metadata"] == ["moflock.run", "moflock.result"]
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_rerun_finds_no_fault_in_a_log(log: Path) -> None:
     told = rerun("mcap", "check", "--full", log)
@@ -75,6 +77,7 @@ def test_rerun_finds_no_fault_in_a_log(log: Path) -> None:
     assert "/swarm/points" in lines
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_rerun_draws_drones_and_arena_without_a_blueprint(log: Path, tmp_path: Path) -> None:
     rerun("mcap", "convert", log, "-o", tmp_path / "a.rrd")
@@ -86,6 +89,7 @@ def test_rerun_draws_drones_and_arena_without_a_blueprint(log: Path, tmp_path: P
     assert "moflock.Metrics:message" in told
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_exported_files_are_those_of_the_log_and_rerun_takes_them(log: Path, tmp_path: Path) -> None:
     layout, blueprint, recording = export_layouts(log, tmp_path / "new")

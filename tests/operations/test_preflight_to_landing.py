@@ -18,6 +18,8 @@ from tests.support import simulated_time
 from tests.support.ground_station import fleet_of
 from tests.support.simulated_time import Wires, connections_to, flying
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = Scenario(drones=30, arena_side=300.0, duration=60.0, altitude=10.0, t_del=0.2)
 POINT = load_point("steady")
 

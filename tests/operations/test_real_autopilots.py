@@ -13,7 +13,6 @@ import os
 import signal
 import statistics
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -24,9 +23,11 @@ from moflock_mj.ground_station.piloting import STREAM_FIRST, FlightTask, begin, 
 from moflock_mj.ground_station.station import vehicles_at
 from moflock_mj.mavlink.addresses import parse_vehicles
 from moflock_mj.mavlink.dialect import mavlink
+from tests.support.cli import MOFLOCK
 from tests.support.copter_pilot import CopterPilot
 
-MOFLOCK = Path(sys.executable).parent / "moflock"
+pytestmark = pytest.mark.slow
+
 QUAD_X = "FRAME_CLASS 1\nFRAME_TYPE 1\nFS_THR_ENABLE 0\n"
 
 

@@ -138,18 +138,24 @@ class Px4StandIn:
             self.position = [p + dt * v for p, v in zip(self.position, self.velocity, strict=True)]
 
 
+FLYING = 100
+"""Number of exchanges after which a stand-in reports that it flies."""
+
 STAND_INS = {"ardupilot": ArduPilotStandIn, "px4": Px4StandIn}
 
 
 def main(kind, port, height, *_):
     """Fly until killed; retry until the simulator is available."""
     print("stand-in of", kind, "at", port, flush=True)
-    autopilot = None
+    autopilot, exchanges = None, 0
     while True:
         try:
             autopilot = autopilot or STAND_INS[kind](int(port), float(height))
             autopilot.send()
             autopilot.receive()
+            exchanges += 1
+            if exchanges == FLYING:
+                print("flying", flush=True)
         except OSError:
             time.sleep(0.01)
 

@@ -47,6 +47,8 @@ def corpus(target, value=0.0):
 
 def changeable_state(vehicle):
     """State of a vehicle that a message can change."""
+    parameters = vehicle.parameters
+    names = [parameters.name(index) for index in range(len(parameters))]
     return (
         vehicle.mode,
         vehicle.armed,
@@ -54,7 +56,7 @@ def changeable_state(vehicle):
         vehicle.home,
         vehicle.setpoint,
         vehicle.ground_heard,
-        tuple(vehicle.parameters._table.items()),
+        [(name, parameters[name]) for name in names],
         tuple(vehicle.fence.items),
         vehicle.shapes,
         vehicle.fence._upload,

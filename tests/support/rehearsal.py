@@ -20,6 +20,11 @@ SCENARIO = Scenario(
 )
 """Small scenario without disturbances; the arena is the fence."""
 
+SMALL = Scenario(
+    drones=4, arena_side=140.0, duration=20.0, altitude=5.0, t_del=0.2, v_flock=4.0, v_max=4.0, sigma_outer=0.0,
+    sigma_inner=0.0,
+)  # fmt: skip
+
 
 @dataclasses.dataclass
 class Truth:

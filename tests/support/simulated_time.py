@@ -41,6 +41,10 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
     def time(self):
         return self._jump.now
 
+    def hold_up(self, seconds):
+        """Let time pass in which the loop does nothing, as on a machine that is too busy."""
+        self._jump.now += seconds
+
 
 def run(coroutine):
     """Run a coroutine in simulated time and return its result."""

@@ -14,7 +14,7 @@ from moflock_mj.world.square import Square, locate_square_walls
 from tests.support import twins
 
 SCENARIO = Scenario(v_max=100.0)
-"""No cut, so that the pull can be told from the rest."""
+"""No cut, so that the pull can be separated from the rest."""
 LIMITS = SpeedLimits(SCENARIO.v_flock, SCENARIO.v_max, SCENARIO.v_rep_max)
 OFF = VasarhelyiParams(0.0, 0.0, 0.0, 5.0, 1.0, 100.0, 0.0, -1e5, 0.0, 5.0, 1.0, 0.0)
 """Parameters whose every term is off."""

@@ -21,6 +21,7 @@ def test_a_late_point_mass_answers_as_the_delayed_equation_says():
     np.testing.assert_array_equal(flown.velocity[:, 1], 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("airframe", ["x500", "crazyflie"])
 def test_the_calibrated_point_mass_answers_like_the_airframe(airframe):
     found = identify(Scenario(airframe=airframe))

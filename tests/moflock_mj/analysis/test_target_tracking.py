@@ -33,6 +33,7 @@ def test_distance_is_that_of_the_centre_of_mass():
     np.testing.assert_allclose(target_distance(position, (0.0, 0.0)), [5, np.sqrt(2)])
 
 
+@pytest.mark.slow
 def test_a_target_holds_the_flock():
     target = (40.0, -30.0)
     held = track_target(load_point("B"), target=target, scenario=SHORT, seed=3, transient=40)
@@ -48,6 +49,7 @@ def test_the_same_seed_gives_the_same_flight():
     np.testing.assert_array_equal(first.distance, second.distance)
 
 
+@pytest.mark.slow
 def test_rigid_bodies_track_too():
     result = track_target(load_point("A"), scenario=SHORT.replace(duration=12.0, step=None), dynamics="rigid_body",
                           transient=2.0)  # fmt: skip

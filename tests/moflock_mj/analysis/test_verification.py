@@ -13,7 +13,7 @@ from moflock_mj.analysis.target_tracking import track_target
 from moflock_mj.analysis.verification import Difference, resume, verify
 from moflock_mj.errors import LogError, MoflockError
 from moflock_mj.log.schemas import Metrics
-from tests.moflock_mj.log.test_reader import rebuild
+from tests.support.logs import rebuild
 
 A, B = load_point("A"), load_point("B")
 SCENARIO = Scenario(drones=4, arena_side=80.0, duration=23.0, packet_loss_ratio=0.5)
@@ -114,7 +114,7 @@ def test_another_flight_is_found_at_once(quick, tmp_path, run):
     assert verification.difference.drone is not None
 
 
-def test_other_versions_are_told(quick, tmp_path):
+def test_other_versions_are_listed(quick, tmp_path):
     run = {"mujoco_version": "3.4.5", "cpu": "abacus", "commit": None}
     verification = verify(read_log(rebuild(quick, tmp_path / "a.mcap", run=run)))
     assert verification.identical
@@ -185,7 +185,7 @@ def test_a_state_between_two_decisions_is_enough(tmp_path):
         (math.nan, {}, "resume: nan s is out of bounds"),
         (10.0, {"duration": 0.0}, "duration: 0 s is out of bounds"),
         (10.0, {"duration": math.inf}, "duration: inf s is out of bounds"),
-        (10.0, {"duration": 0.05}, "duration: 10.05 s is no whole multiple"),
+        (10.0, {"duration": 0.05}, "duration: 10.05 s must be a whole multiple"),
         (10.0, {"params": A[:5]}, "holds the parameters of no policy"),
     ],
 )

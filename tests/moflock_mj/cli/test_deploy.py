@@ -1,14 +1,11 @@
-"""The verb: what it refuses, in one line and with nobody armed, and one rehearsal on real sockets."""
+"""`moflock deploy`: what it refuses, in one line and with nobody armed, and one rehearsal on real sockets."""
 
 from __future__ import annotations
 
 import asyncio
 import datetime
 import json
-import os
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -20,48 +17,35 @@ from moflock_mj.errors import CheckFailedError, DeploymentError, LinkError, Mofl
 from moflock_mj.ground_station.origin import parse_origin
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import mavlink
-from moflock_mj.mavlink.signing import KEY_VARIABLE
 from moflock_mj.preflight.inspection import checked_vehicle
 from moflock_mj.preflight.report import Report, write_report
 from moflock_mj.preflight.results import CheckItem, CheckResult
 from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
+from tests.support.cli import MOFLOCK, refused
 from tests.support.rehearsal import SCENARIO, rehearse
 
-MOFLOCK = Path(sys.executable).parent / "moflock"
 NOW = datetime.datetime.now(datetime.UTC)
-
-
-def run(*arguments, cwd):
-    clean = {name: value for name, value in os.environ.items() if name != KEY_VARIABLE}
-    return subprocess.run(
-        [MOFLOCK, "deploy", *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
-        env={**clean, "COLUMNS": "200"},
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--vehicles", ""), "vehicles: '' is none"),
+        (("--vehicles", ""), "vehicles: '' is invalid"),
         (("--vehicles", "udp:127.0.0.1:14999"), "report: none in logs"),
         (("--vehicles", "udp:127.0.0.1:14999", "--report", "absent.json"), "report absent.json: No such file"),
         (("--vehicles", "udp:127.0.0.1:14999", "--rehearse", "--timeout", 0.2), "from 1 of 1 links within 0.2 s"),
     ],
 )
 def test_bad_use_is_one_line_and_status_2(tmp_path, arguments, words):
-    done = run("knee", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert done.stdout == ""
+    assert words in refused("deploy", "knee", *arguments, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def vehicle(system=1, uid=7):
-    told = RemoteVehicle(system, "127.0.0.1:1", is_local=True, send=lambda _: None, clock=lambda: 0.0)
-    told.note(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
-    told.note(mavlink.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, uid))
-    return told
+    heard = RemoteVehicle(system, "127.0.0.1:1", is_local=True, send=lambda _: None, clock=lambda: 0.0)
+    heard.note(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
+    heard.note(mavlink.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, uid))
+    return heard
 
 
 def report(**changes):
@@ -88,10 +72,10 @@ def test_a_report_that_fits_is_found_behind_others():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"time": NOW - datetime.timedelta(hours=2)}, "s old: it must be at most 3600 s"),
+        ({"time": NOW - datetime.timedelta(hours=2)}, "s old.* 3600 s"),
         ({"point": load_point("B")._asdict()}, "of another point: r0_rep"),
         ({"scenario": json.loads(json.dumps(SCENARIO.replace(drones=1, duration=31.0).to_dict()))}, "duration is 31.0"),
-        ({"vehicles": ()}, "without a live part"),
+        ({"vehicles": ()}, "without vehicles"),
         ({"vehicles": (checked_vehicle(vehicle(uid=8)),)}, "of other vehicles"),
     ],
 )
@@ -119,10 +103,10 @@ def test_reports_are_looked_for_in_logs(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("battery", "must be NAME=LIMIT:ACTION"),
+        ("battery", "NAME=LIMIT:ACTION"),
         ("bird=1", "with NAME one of stale, lost, fence, separation, battery, keep_off"),
-        ("battery=0.3:explode", "'explode' is unknown: it must be one of slow, hold, return, land"),
-        ("lost=1e9", "out of bounds: it must be from 0 to 1000"),
+        ("battery=0.3:explode", "'explode'.* slow, hold, return, land"),
+        ("lost=1e9", "1000000000|1e.?0?9"),
         ("keep_off=3:land", "keep_off has a limit and no action"),
     ],
 )
@@ -150,16 +134,16 @@ def test_origins():
     ("more", "error", "words"),
     [
         ({"autopilot_wanted": "px4"}, DeploymentError, "autopilot is ardupilot; it must be px4"),
-        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside of the 200 m arena"),
+        ({"origin": (48.0, 8.5)}, DeploymentError, "stands outside the 200 m arena"),
         ({"fleet": {"spacing": 2.0}}, DeploymentError, r"stand 2.0 m apart; it must be at least 3 m"),
         (
             {"faults": ["vehicle=1,kind=low_battery,charge=0.1"]},
             DeploymentError,
-            "battery at 10 %; it must be over 20 %",
+            "battery at 10 %.* 20 %",
         ),
         ({"faults": ["vehicle=1,kind=link_loss,share=1"]}, LinkError, "from 1 of 5 links"),
-        ({"faults": ["vehicle=1,kind=duplicate_id,system=1"]}, LinkError, "system id 1 is that of"),
-        ({"fleet": {"boot": 60.0, "ready": False}}, DeploymentError, "does not know where it is; wait for its GPS"),
+        ({"faults": ["vehicle=1,kind=duplicate_id,system=1"]}, LinkError, "system id 1 is used by"),
+        ({"fleet": {"boot": 60.0, "ready": False}}, DeploymentError, "has no position yet; wait for its GPS"),
     ],
 )
 def test_what_must_not_take_off_is_refused(more, error, words):
@@ -179,7 +163,7 @@ def test_what_must_not_take_off_is_refused(more, error, words):
 
 def test_a_rehearsal_with_who_may_be_real_is_refused(monkeypatch):
     monkeypatch.setattr("moflock_mj.simulated_vehicles.telemetry.SIMULATED", (0,) * 8)
-    with pytest.raises(MoflockError, match="does not say that it is simulated: it needs a report"):
+    with pytest.raises(MoflockError, match="does not identify as simulated: it needs a pre-flight report"):
         rehearse(SCENARIO.replace(drones=1))
 
 
@@ -187,12 +171,13 @@ def test_px4s_own_simulation_says_what_it_is():
     """Its identity is SIMULATIONID0000, of which AUTOPILOT_VERSION has eight letters, one more for each system id."""
     first = 5283920058631409231
     asyncio.run(require_simulated([vehicle(1, first), vehicle(3, first + 2)]))
-    with pytest.raises(MoflockError, match="does not say that it is simulated"):
+    with pytest.raises(MoflockError, match="does not identify as simulated"):
         asyncio.run(require_simulated([vehicle(3, first)]))
 
 
+@pytest.mark.slow
 def test_a_rehearsal_on_sockets(tmp_path):
-    """Two vehicles, three seconds, the real clock: the whole verb, its JSON, its log."""
+    """Two vehicles, three seconds, the real clock: the whole command, its JSON, its log."""
 
     async def play():
         fleet = Fleet(FleetPlan(autopilot="px4", base_port=0, vehicles=2, boot=0.0, spacing=8.0))

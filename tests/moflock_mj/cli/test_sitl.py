@@ -7,29 +7,15 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-import typer
 
-from moflock_mj.cli.app import make_app
-from moflock_mj.errors import MoflockError
+from tests.support.cli import refused, run, start_program
+from tests.support.waiting import wait_until
 
-MOFLOCK = Path(sys.executable).parent / "moflock"
 STAND_IN = Path(__file__).parents[2] / "support" / "autopilot_stand_in.py"
 CALM = "sigma_inner = 0.0\nsigma_outer = 0.0\n"
-
-
-def started(*arguments, cwd):
-    return subprocess.Popen(
-        [MOFLOCK, "fleet", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-        env={**os.environ, "COLUMNS": "200"},
-    )
 
 
 def alive(words):
@@ -38,19 +24,22 @@ def alive(words):
     return any(words.encode() in command for command in commands)
 
 
+@pytest.mark.slow
 def test_it_flies_programs_and_ends_them_with_ctrl_c(tmp_path):
     (tmp_path / "calm.toml").write_text(CALM)
     command = f"{sys.executable} {STAND_IN} ardupilot {{port}} {{sysid}} --of {tmp_path}"
-    moflock = started(
+    moflock = start_program(
+        "fleet",
         "--physics-for", "ardupilot", "--vehicles", 2, "--physics-port", 0, "--scenario", "calm.toml", "--json",
         "--speed", 100, "--autopilot-command", command, cwd=tmp_path,
     )  # fmt: skip
     start = json.loads(moflock.stdout.readline())
     assert start["physics_for"] == "ardupilot"
     assert len(set(start["ports"])) == 2
-    assert "2 ardupilot autopilots there" in moflock.stderr.readline()
+    assert "2 ardupilot autopilots connected" in moflock.stderr.readline()
     assert alive(f"--of\0{tmp_path}")
-    time.sleep(1.0)
+    outputs = [tmp_path / start["folder"] / str(number) / "output.txt" for number in range(2)]
+    wait_until(lambda: all(output.read_text().endswith("flying\n") for output in outputs))
     moflock.send_signal(signal.SIGINT)
     out, err = moflock.communicate(timeout=60)
     end = json.loads(out)
@@ -59,15 +48,14 @@ def test_it_flies_programs_and_ends_them_with_ctrl_c(tmp_path):
     assert end["time"] > 0
     assert end["received"] >= 2 * round(end["time"] * 1200)
     assert not alive(f"--of\0{tmp_path}")
-    for number, port in enumerate(start["ports"]):
-        output = tmp_path / start["folder"] / str(number) / "output.txt"
-        assert output.read_text() == f"stand-in of ardupilot at {port}\n"
+    for output, port in zip(outputs, start["ports"], strict=True):
+        assert output.read_text() == f"stand-in of ardupilot at {port}\nflying\n"
 
 
+@pytest.mark.slow
 def test_it_waits_for_programs_that_the_user_starts(tmp_path):
-    moflock = started(
-        "--physics-for", "px4", "--physics-port", 0, "--duration", 1, "--json", "--speed", 100, cwd=tmp_path
-    )
+    wish = ("--physics-for", "px4", "--physics-port", 0, "--duration", 1, "--json", "--speed", 100)
+    moflock = start_program("fleet", *wish, cwd=tmp_path)
     start = json.loads(moflock.stdout.readline())
     assert start["folder"] is None
     stand_in = subprocess.Popen(
@@ -88,10 +76,10 @@ def test_it_waits_for_programs_that_the_user_starts(tmp_path):
     [
         (
             ["--physics-for", "ardupilot", "--fault", "vehicle=0,at=1,kind=link_loss,share=1"],
-            "--fault: --physics-for has no use",
+            "--fault: it has no effect",
         ),
-        (["--physics-for", "px4", "--base-port", "14600"], "--base-port: --physics-for has no use for it"),
-        (["--autopilot-command", "copter"], "--autopilot-command: a fleet without --physics-for has no use for it"),
+        (["--physics-for", "px4", "--base-port", "14600"], "--base-port: it has no effect with --physics-for"),
+        (["--autopilot-command", "copter"], "--autopilot-command: it has no effect with simulated autopilots"),
         (["--physics-for", "betaflight"], "is not one of 'ardupilot', 'px4'"),
         (["--physics-for", "ardupilot", "--duration", "0"], "duration: 0 s is out of bounds"),
         (
@@ -101,16 +89,13 @@ def test_it_waits_for_programs_that_the_user_starts(tmp_path):
         (["--physics-for", "px4", "--autopilot-command", "px4 {model}"], "placeholder 'model' is unknown"),
     ],
 )
-def test_bad_wishes_are_refused(arguments, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises((MoflockError, typer.TyperException), match=words):
-        make_app()(["fleet", *arguments], standalone_mode=False)
+def test_bad_wishes_are_refused(arguments, words, tmp_path):
+    assert words in refused("fleet", *arguments, cwd=tmp_path)
 
 
-def test_a_program_that_ends_at_once_is_told_in_one_line(tmp_path):
+def test_a_program_that_ends_at_once_is_one_line(tmp_path):
     wish = ["--physics-for", "ardupilot", "--physics-port", "0", "--autopilot-command", "false"]
-    moflock = started(*wish, cwd=tmp_path)
-    _, err = moflock.communicate(timeout=60)
-    assert moflock.returncode == 2
-    assert err.startswith("moflock: autopilot 0: it has ended with status 1: see logs/")
-    assert len(err.splitlines()) == 1
+    done = run("fleet", *wish, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("moflock: autopilot 0: it has ended with status 1: see logs/")
+    assert done.stderr.count("\n") == 1

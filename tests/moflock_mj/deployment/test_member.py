@@ -39,7 +39,7 @@ def climbing():
 
 def test_a_take_off_that_ends_while_an_order_is_under_way_is_nobody_elses(climbing):
     """A real PX4 was at its height in TAKEOFF, and in HOLD by itself just before it heard of OFFBOARD."""
-    climbing.member.tell(FlightTask.OFFBOARD, 1.0)
+    climbing.member.assign(FlightTask.OFFBOARD, 1.0)
     assert climbing.is_ours(TAKEOFF, 1.0)
     assert climbing.is_ours(HOLD, 1.1)
     assert climbing.is_ours(HOLD, 1.4)
@@ -51,6 +51,6 @@ def test_a_take_off_that_ends_while_an_order_is_under_way_is_nobody_elses(climbi
 
 @pytest.mark.parametrize("mode", [LAND, POSITION])
 def test_another_mode_is_somebody_elses(climbing, mode):
-    climbing.member.tell(FlightTask.OFFBOARD, 1.0)
+    climbing.member.assign(FlightTask.OFFBOARD, 1.0)
     assert climbing.is_ours(TAKEOFF, 1.0)
     assert not climbing.is_ours(mode, 1.1)

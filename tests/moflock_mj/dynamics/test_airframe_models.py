@@ -135,7 +135,7 @@ def test_a_flock_survives_its_xml():
 
 
 def test_an_unknown_airframe_is_refused():
-    with pytest.raises(AirframeError, match="airframe: 'x5000' is unknown; there are crazyflie, x500"):
+    with pytest.raises(AirframeError, match=r"airframe: 'x5000'.*crazyflie, x500"):
         load_airframe("x5000")
     with pytest.raises(AirframeError, match="is unknown"):
         load_airframe("../models/x500")
@@ -146,7 +146,7 @@ def test_an_unknown_airframe_is_refused():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('<freejoint name="x500_free"/>', "", "number of free joints is 0, must be 1"),
+        ('<freejoint name="x500_free"/>', "", "number of free joints is 0\\b"),
         ('<inertial pos="0 0 0"', '<inertial pos="0 0 0.1"', "position of the inertia is"),
         ('mass="2.0" diaginertia', 'mass="2.0" quat="0.9 0.1 0 0" diaginertia', "quaternion of the inertia"),
         (
@@ -161,7 +161,7 @@ def test_an_unknown_airframe_is_refused():
         ('gainprm="1"', 'gainprm="2"', "gainprm is"),
         ('gear="0 0 1 0 0 0.016"', 'gear="0 1 0 0 0 0.016"', "gear is"),
         ('pos="0.1768 -0.1768 0"', 'pos="0.1768 -0.1768 0" euler="0.2 0 0"', "quaternion of the rotors' sites"),
-        ("drag_area", "draft_area", "numeric drag_area is absent, must be there"),
+        ("drag_area", "draft_area", "drag_area is absent"),
         ("</worldbody>", "", "XML"),
     ],
 )
@@ -173,7 +173,7 @@ def test_what_is_no_quadrotor_is_refused(tmp_path, old, new, message):
 
 def test_an_airframe_without_actuators_is_refused(tmp_path):
     text = airframe_path("x500").read_text()
-    check_refused(tmp_path, text[: text.index("<actuator>")] + "</mujoco>", "number of actuators is 0, must be 4")
+    check_refused(tmp_path, text[: text.index("<actuator>")] + "</mujoco>", "number of actuators is 0\\b")
 
 
 def check_refused(folder, text, message):

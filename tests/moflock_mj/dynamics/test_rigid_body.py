@@ -62,6 +62,7 @@ def test_free_fall():
     np.testing.assert_allclose(record.position[-1, :, 2], 20.0 - fallen, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_terminal_speed_under_drag():
     scenario = CALM.replace(drones=1, duration=30.0, altitude=2000.0, drag=DragConfig(rotor=0.0))
     simulation = flock_of(scenario)
@@ -136,6 +137,7 @@ def test_a_state_that_is_not_finite_ends_the_flight():
         simulation.run(1.0)
 
 
+@pytest.mark.slow
 def test_thousand_drones_fly_one_second():
     scenario = Scenario(drones=1000, arena_side=3000.0, duration=1.0)
     flight = fly(POINT, scenario=scenario, keep_samples=False)

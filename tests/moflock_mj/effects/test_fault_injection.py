@@ -34,7 +34,7 @@ SHORT = Scenario(drones=4, arena_side=100.0, duration=12.0)
 
 
 def broken(*faults, dynamics="rigid_body"):
-    """The compiled faults of a scenario and its world; beats of 0.1 s."""
+    """The compiled faults of a scenario and its world; steps of 0.1 s."""
     scenario, step = SHORT.replace(faults=faults), SHORT.step_for(dynamics)
     return make_fault_schedule(scenario, dynamics, step, Schedule.of(scenario, step)), TrueState.at_rest(SHORT.drones)
 
@@ -54,28 +54,28 @@ def test_the_standard_set_has_every_kind_alone_and_is_kept_by_toml_and_json():
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ('kind = "cannot_transmit"\ndrone = 40', r"faults\[1\]\.drone: 40 is out of bounds: it must be at most 29"),
-        ('kind = "cannot_transmit"\ndrone = -1', r"faults\[1\]\.drone: -1 is out of bounds: it must be at least 0"),
+        ('kind = "cannot_transmit"\ndrone = 40', r"faults\[1\]\.drone: 40.*at most 29"),
+        ('kind = "cannot_transmit"\ndrone = -1', r"faults\[1\]\.drone: -1.*at least 0"),
         (
             'kind = "cannot_transmit"\ndrone = 1.5',
-            r"faults\[1\]\.drone: 1\.5 is of the wrong type: it must be a whole number",
+            r"faults\[1\]\.drone: 1\.5.*a whole number",
         ),
         ('kind = "cannot_transmit"', r"faults\[1\]\.drone: is missing: cannot_transmit affects one drone"),
-        ('kind = "cannot_receive"\nat = 600', r"faults\[1\]\.at: 600 s must be under the duration, 600 s"),
-        ('kind = "cannot_receive"\nat = -1', r"faults\[1\]\.at: -1\.0 is out of bounds: it must be at least 0 s"),
+        ('kind = "cannot_receive"\nat = 600', r"faults\[1\]\.at: 600 s.*the duration, 600 s"),
+        ('kind = "cannot_receive"\nat = -1', r"faults\[1\]\.at: -1\.0.*at least 0 s"),
         ('kind = "cannot_receive"\nat = nan', r"faults\[1\]\.at: nan is not a finite number"),
-        ('kind = "cannot_receive"\nduration = 0', r"faults\[1\]\.duration: 0\.0 is out of bounds: it must be over 0 s"),
+        ('kind = "cannot_receive"\nduration = 0', r"faults\[1\]\.duration: 0\.0.*over 0 s"),
         (
             'kind = "cannot_receive"\nshare = 0.5',
-            r"faults\[1\]\.share: 0\.5 means nothing to cannot_receive: leave it out",
+            r"faults\[1\]\.share: 0\.5 does not apply to cannot_receive: it must be absent",
         ),
         ('kind = "cannot_receive"\nfor = 3', r"faults\[1\]\.for: unknown name"),
-        ('kind = "fire"', r"faults\[1\]\.kind: 'fire' is out of bounds: it must be one of rotor_failure, gps_loss"),
-        ("at = 3", r"faults\[1\]\.kind: '' is out of bounds: it must be one of rotor_failure"),
+        ('kind = "fire"', r"faults\[1\]\.kind: 'fire'.*one of rotor_failure, gps_loss"),
+        ("at = 3", r"faults\[1\]\.kind: ''.*one of rotor_failure"),
         ('kind = "link_loss"', r"faults\[1\]\.share: is missing: link_loss needs it"),
         ('kind = "link_loss"\nshare = 2', r"faults\[1\]\.share: 2\.0 is out of bounds: .* at most 1"),
-        ('kind = "gps_jump"\njump = [1]', r"faults\[1\]\.jump: \[1\] is of the wrong type: it must be two numbers"),
-        ('kind = "gps_jump"\njump = [1, "a"]', r"faults\[1\]\.jump: 'a' is of the wrong type: it must be a number"),
+        ('kind = "gps_jump"\njump = [1]', r"faults\[1\]\.jump: \[1\].*two numbers"),
+        ('kind = "gps_jump"\njump = [1, "a"]', r"faults\[1\]\.jump: 'a'.*a number"),
         (
             'kind = "gps_jump"\njump = [1, 1e9]',
             r"faults\[1\]\.jump: .* is out of bounds: .* at most 100000 m",
@@ -84,7 +84,7 @@ def test_the_standard_set_has_every_kind_alone_and_is_kept_by_toml_and_json():
             'kind = "rotor_failure"\nrotor = 4\neffectiveness = 0',
             r"faults\[1\]\.rotor: 4 is out of bounds: .* at most 3",
         ),
-        ('kind = "power_off"\ndrone = 1\nduration = 3', r"faults\[1\]\.duration: 3 s means nothing to power_off"),
+        ('kind = "power_off"\ndrone = 1\nduration = 3', r"faults\[1\]\.duration: 3 s does not apply to power_off"),
     ],
 )
 def test_refusals_name_fault_field_value_and_limit(fault, words):
@@ -96,9 +96,9 @@ def test_refusals_name_fault_field_value_and_limit(fault, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("faults = 3", r"faults: 3 is of the wrong type: it must be tables, \[\[faults\]\]"),
-        ("[faults]\nat = 3", r"faults: .* is of the wrong type: it must be tables, \[\[faults\]\]"),
-        ("faults = [3]", r"faults\[0\]: 3 is of the wrong type: it must be a table"),
+        ("faults = 3", r"faults: 3.*tables, \[\[faults\]\]"),
+        ("[faults]\nat = 3", r"faults: .*tables, \[\[faults\]\]"),
+        ("faults = [3]", r"faults\[0\]: 3.*a table"),
     ],
 )
 def test_what_is_no_array_of_tables_is_refused(text, words):
@@ -107,7 +107,7 @@ def test_what_is_no_array_of_tables_is_refused(text, words):
 
 
 def test_faults_are_a_tuple_of_faults():
-    with pytest.raises(ScenarioError, match=r"faults: \[\] is of the wrong type: it must be a tuple of Fault"):
+    with pytest.raises(ScenarioError, match=r"faults: \[\].*a tuple of Fault"):
         Scenario(faults=[])
     with pytest.raises(ScenarioError, match=r"faults: \(3,\) is of the wrong type"):
         Scenario(faults=(3,))
@@ -117,11 +117,11 @@ def test_a_point_mass_has_no_rotors_and_live_bodies_no_schedule():
     loss = FaultConfig(kind="rotor_failure", drone=0, rotor=0, effectiveness=0.5)
     with pytest.raises(ScenarioError, match=r"faults\[1\]\.kind: rotor_failure needs rigid bodies"):
         broken(FaultConfig(kind="cannot_receive"), loss, dynamics="point_mass")
-    with pytest.raises(ScenarioError, match="faults: live bodies have none of a scenario"):
+    with pytest.raises(ScenarioError, match="faults: not supported by real-time bodies"):
         RealtimeBodies(SHORT.replace(faults=(loss,)), np.zeros((4, 2)), RandomStreams.of(1))
 
 
-def test_a_fault_begins_and_ends_with_its_beats():
+def test_a_fault_begins_and_ends_with_its_steps():
     assert intervals_of(FaultConfig(kind="cannot_receive", at=30.0, duration=10.0), 0.1) == (300, 400)
     assert intervals_of(FaultConfig(kind="cannot_receive", at=0.25, duration=0.1), 0.1) == (3, 4)
     assert intervals_of(FaultConfig(kind="cannot_receive", at=0.3), 0.1) == (3, NEVER)

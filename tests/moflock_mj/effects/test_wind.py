@@ -91,7 +91,5 @@ def test_without_turbulence_the_wind_is_steady():
 
 def test_gusts_above_their_model_are_refused():
     high = Scenario(altitude=400.0, wind=effect_configs.WindConfig(turbulence="light"))
-    with pytest.raises(
-        ScenarioError, match=r"altitude: 400 m is out of bounds: with gusts it must be at most 304\.8 m"
-    ):
+    with pytest.raises(ScenarioError, match=r"altitude: 400 m.*at most 304\.8 m"):
         make_wind(high, PERIOD, np.random.default_rng(1))

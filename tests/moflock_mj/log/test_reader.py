@@ -3,51 +3,22 @@
 from __future__ import annotations
 
 import json
-import struct
 import time
-import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-import zstandard
-from mcap.reader import make_reader
-from mcap.writer import Writer
 
 from moflock_mj import LoggedFlight, Scenario, fly, load_point, read_log
 from moflock_mj.errors import LogError
-from moflock_mj.log.chunk_writer import ChunkWriter
-from moflock_mj.log.schemas import CHANNELS, RUN_COPY, RUN_METADATA, Metrics, schema_of, state_digests
+from moflock_mj.log.schemas import RUN_COPY, Metrics, state_digests
 from moflock_mj.metrics.order_parameters import CLOSE, OUTSIDE
 from moflock_mj.simulation.simulation import Simulation
+from tests.support.logs import bomb, flipped, foreign, rebuild
 
 A = load_point("A")
 # Small enough that drones leave the arena and meet.
 CROWDED = Scenario(drones=8, arena_side=30.0, duration=12.0, start_spacing=2.0)
-
-
-def rebuild(source, target, *, run=None, result=True, change=lambda *m: m):
-    """Write a log again, changed: entries of `moflock.run`, and each message (topic, time, data), None to drop it."""
-    with source.open("rb") as stream:
-        reader = make_reader(stream)
-        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-        attachments = [(a.name, a.media_type, a.data) for a in reader.iter_attachments()]
-        messages = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages(log_time_order=False)]
-    entries = {name: text for name, text in (metadata[RUN_METADATA] | (run or {})).items() if text is not None}
-    with target.open("wb") as stream:
-        writer = ChunkWriter(stream)
-        writer.add_metadata(RUN_METADATA, entries)
-        for name, media_type, data in attachments:
-            writer.add_attachment(name, media_type, json.dumps(entries).encode() if name == RUN_COPY else data)
-        numbers = {topic: writer.add_channel(topic, *schema_of(kind)) for topic, kind in CHANNELS.items()}
-        for message in messages:
-            changed = change(*message)
-            if changed:
-                writer.add_message(numbers[changed[0]], *changed[1:])
-        if result:
-            writer.add_metadata("moflock.result", metadata["moflock.result"])
-        writer.finish()
-    return target
 
 
 @pytest.fixture(scope="module", params=["point_mass", "rigid_body"])
@@ -109,6 +80,7 @@ def test_one_drone_has_no_nearest(tmp_path):
     np.testing.assert_array_equal(logged.samples.nearest, flight.samples.nearest)
 
 
+@pytest.mark.slow
 def test_ten_minutes_of_thirty_drones_are_read_in_two_seconds(tmp_path):
     fly(A, dynamics="point_mass", log=tmp_path / "a.mcap", keep_samples=False)
     read_log(tmp_path / "a.mcap")
@@ -133,37 +105,6 @@ def test_a_rebuilt_log_is_the_same(good, tmp_path):
     np.testing.assert_array_equal(again.digests, logged.digests)
     assert isinstance(again, LoggedFlight)
     assert (again.metadata, again.result, again.events) == (logged.metadata, logged.result, logged.events)
-
-
-def foreign(path: Path) -> Path:
-    """An MCAP file of another program."""
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("a", "jsonschema", b"{}")
-        channel = writer.register_channel("/a", "json", schema)
-        writer.add_message(channel, 0, b"{}", 0)
-        writer.finish()
-    return path
-
-
-def bomb(path: Path, size: int) -> Path:
-    """A file whose only chunk unpacks to zeros."""
-    packed = zstandard.ZstdCompressor().compress(bytes(size))
-    head = struct.pack("<QQQII4sQ", 0, 0, size, zlib.crc32(bytes(size)), 4, b"zstd", len(packed))
-    with path.open("wb") as stream:
-        writer = ChunkWriter(stream)
-        writer.add_metadata(RUN_METADATA, {})
-        writer._write(struct.pack("<BQ", 6, len(head) + len(packed)) + head + packed)
-        writer.finish()
-    return path
-
-
-def flipped(source: Path, target: Path, position: int) -> Path:
-    content = bytearray(source.read_bytes())
-    content[position] ^= 4
-    target.write_bytes(content)
-    return target
 
 
 def refuse(path: Path, words: str) -> None:

@@ -26,53 +26,11 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from moflock_mj.errors import LogError
 from moflock_mj.log import writer
-from moflock_mj.log.encoder import Attachment, LogHeader, SampleBlock
 from moflock_mj.log.foxglove_layout import viewer_layout
 from moflock_mj.log.schemas import CHANNELS, FITNESS_FIELDS, ORDER_PARAMETER_FIELDS, POINT, STATUS_RGBA, STATUS_ROW
 from moflock_mj.log.writer import FlightLog
-from moflock_mj.metrics.events import FlightEvent
-
-TICK = 100_000_000
-
-
-def header(drones: int, **changes: object) -> LogHeader:
-    settings = {
-        "metadata": {"seed": "1"},
-        "attachments": (Attachment("scenario.toml", "application/toml", b"drones = 3\n"),),
-        "outline": np.array([[-250.0, -250.0], [250.0, -250.0], [250.0, 250.0], [-250.0, 250.0]]),
-        "altitude": 10.0,
-        "drones": drones,
-        "radius": 0.25,
-        "transform_period": 5,
-    }
-    return LogHeader(**(settings | changes))
-
-
-def some_flight(drones: int, ticks: int, seed: int = 1) -> SampleBlock:
-    rng = np.random.default_rng(seed)
-    return SampleBlock(
-        time_ns=np.arange(1, ticks + 1) * TICK,
-        qpos=rng.normal(size=(ticks, drones, 7)),
-        qvel=rng.normal(size=(ticks, drones, 6)),
-        desired_velocity=rng.normal(size=(ticks, drones, 2)),
-        status=rng.integers(0, 4, size=(ticks, drones), dtype=np.uint8),
-        order_parameters=rng.random((ticks, 6)),
-        fitness=rng.random((ticks, 9)),
-    )
-
-
-def cut(flight: SampleBlock, size: int) -> list[SampleBlock]:
-    return [SampleBlock(*(a[i : i + size] for a in flight)) for i in range(0, len(flight.time_ns), size)]
-
-
-def write_log(path: Path, flight: SampleBlock, block: int = 10, **changes: object) -> Path:
-    with FlightLog(path, header(flight.qpos.shape[1], **changes)) as log:
-        for part in cut(flight, block):
-            log.write(part)
-            log.state(int(part.time_ns[-1]), b"state at " + str(part.time_ns[-1]).encode())
-        log.event(FlightEvent(int(flight.time_ns[-1]), "warning", "drone 0 left the arena", 0))
-        log.finish({"F_1": "0.5"})
-    return path
+from tests.support.logs import TICK, cut, header, some_flight, write_log
+from tests.support.waiting import wait_until
 
 
 def decoded(path: Path, topic: str) -> list[tuple[Message, object]]:
@@ -272,10 +230,12 @@ def recovered_times(path: Path) -> list[int]:
     return times
 
 
+@pytest.mark.slow
 def test_a_killed_writer_loses_at_most_the_last_second(tmp_path):
     program = """
 import sys, time
-from tests.moflock_mj.log.test_writer import FlightLog, cut, header, some_flight
+from moflock_mj.log.writer import FlightLog
+from tests.support.logs import cut, header, some_flight
 log = FlightLog(sys.argv[1], header(3))
 for part in cut(some_flight(3, 57), 3):
     log.write(part)
@@ -284,9 +244,7 @@ time.sleep(120)
     part = tmp_path / "a.mcap.part"
     root = Path(__file__).parents[3]
     with subprocess.Popen([sys.executable, "-c", program, tmp_path / "a.mcap"], cwd=root) as process:
-        deadline = time.monotonic() + 60
-        while len(recovered_times(part)) < 54 and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_until(lambda: len(recovered_times(part)) >= 54, pause=0.05)
         process.send_signal(signal.SIGKILL)
     assert not (tmp_path / "a.mcap").exists()
     assert recovered_times(part) == [tick * TICK for tick in range(1, 55)]

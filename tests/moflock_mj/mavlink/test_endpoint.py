@@ -26,7 +26,7 @@ def ping(system, component=0):
 
 
 class Pair:
-    """A vehicle's endpoint and a ground station's, and what the vehicle is told."""
+    """A vehicle's endpoint and a ground station's, and what the vehicle receives."""
 
     def __init__(self, key=None, station_key=None, station=255, clock=None):
         self.told = []
@@ -202,7 +202,7 @@ def test_a_key_is_read_from_a_file_of_ones_own(tmp_path):
     path.chmod(0o600)
     assert find_key(path).secret == KEY.secret
     path.chmod(0o640)
-    with pytest.raises(LinkError, match="permissions are 640, must be 600"):
+    with pytest.raises(LinkError, match="permissions 640: they must be 600"):
         find_key(path)
     with pytest.raises(LinkError, match="No such file"):
         find_key(tmp_path / "absent")
@@ -214,7 +214,7 @@ def test_a_key_is_read_from_a_file_of_ones_own(tmp_path):
     short = tmp_path / "short"
     short.write_text("secret")
     short.chmod(0o600)
-    with pytest.raises(LinkError, match="6 characters, must be at least 8"):
+    with pytest.raises(LinkError, match="6 characters: it must have at least 8"):
         find_key(short)
 
 

@@ -33,7 +33,7 @@ def judge(positions, velocities, touched, arena, ranges, accumulator, out):
 
 
 def judged(positions, velocities, scenario, r_cluster, touched=None):
-    """Order parameters of samples (T, N, 3), and the tally behind them."""
+    """Order parameters of samples (T, N, 3), and the sums behind them."""
     n = positions.shape[1]
     accumulator, out = MetricAccumulator.empty(n, 2), np.zeros(6)
     touched = np.zeros(n, np.uint8) if touched is None else touched

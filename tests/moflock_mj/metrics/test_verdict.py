@@ -21,7 +21,7 @@ def judged(*flights, failed=0, limits=LIMITS, diameter=0.4):
     return judge(figure_columns(figures(*flights)), failed, limits, diameter)
 
 
-def test_a_good_point_is_flyable_and_told_its_nearest_limit():
+def test_a_good_point_is_flyable_and_its_nearest_limit_is_named():
     assert judged({}, {}) == ("flyable", "smallest separation 4 m, limit 1 m")
     assert judged({}, {"altitude_error_max": 0.9}) == ("flyable", "altitude error 0.9 m, limit 1 m")
 

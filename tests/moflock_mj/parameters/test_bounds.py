@@ -30,14 +30,14 @@ def test_the_unit_cube_maps_to_the_bounds_and_back():
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"r0_rep": [51.0, 30.8]}, "r0_rep: lower 51 must be under upper 30.8"),
-        ({"r0_rep": [40.0, 40.0]}, "r0_rep: lower 40 must be under upper 40"),
+        ({"r0_rep": [51.0, 30.8]}, "r0_rep: lower 51.*upper 30.8"),
+        ({"r0_rep": [40.0, 40.0]}, "r0_rep: lower 40.*upper 40"),
         ({"r0_rep": [30.0, float("nan")]}, "r0_rep"),
         ({"r0_rep": [30.0, float("inf")]}, "r0_rep"),
         ({"r0_rep": [30.0]}, "pair of finite numbers"),
         ({"r0_rep": "wide"}, "pair of finite numbers"),
         ({"r0_repp": [30.0, 40.0]}, "did you mean r0_rep"),
-        ({"p_frict": [-1.0, 2.0]}, "p_frict: -1.0 is out of bounds: it must be over 0"),
+        ({"p_frict": [-1.0, 2.0]}, "p_frict: -1.0.*over 0"),
         ([1, 2], "table of pairs"),
     ],
 )

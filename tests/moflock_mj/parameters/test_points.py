@@ -37,13 +37,13 @@ def test_a_file_there_and_back(tmp_path):
         ("[1, 2]", "must be an object"),
         ('{"params": 3}', "must be an object"),
         ("{}", "r0_rep: missing"),
-        ('{"r0_repp": 1}', "r0_repp: unknown name; did you mean r0_rep"),
+        ('{"r0_repp": 1}', "r0_repp.*r0_rep"),
         (json.dumps(load_point("A")._asdict() | {"p_rep": "x"}), "p_rep: 'x' is of the wrong type"),
         (json.dumps(load_point("A")._asdict() | {"p_rep": None}), "p_rep: None is of the wrong type"),
         (json.dumps(load_point("A")._asdict() | {"p_rep": float("nan")}), "p_rep: nan is not a finite number"),
         (json.dumps(load_point("A")._asdict() | {"p_rep": 1e300}), "p_rep: 1e\\+300 is out of bounds"),
-        (json.dumps(load_point("A")._asdict() | {"p_shill": -1}), "p_shill: -1 is out of bounds: it must be over 0"),
-        (" " * (1 << 20) + "{}", "bytes; it must be at most"),
+        (json.dumps(load_point("A")._asdict() | {"p_shill": -1}), "p_shill: -1.*over 0"),
+        (" " * (1 << 20) + "{}", "bytes.*at most"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path, content, words):

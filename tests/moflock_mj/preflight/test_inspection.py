@@ -214,7 +214,7 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
         await asyncio.sleep(5.0)
         fleet.stations[1].vehicle.arm(force=True)
 
-    with pytest.raises(CommandError, match=r"vehicle 2 .* is armed or flies: nothing was changed"):
+    with pytest.raises(CommandError, match=r"vehicle 2 .* is armed or in the air: nothing was changed"):
         look(fleet, fix=True, first=arm, wait=1.0)
     assert fleet.stations[0].vehicle.parameters["NAV_DLL_ACT"] == 0
 
@@ -227,9 +227,9 @@ def test_nothing_is_put_right_on_a_vehicle_that_is_armed(ready):
             {},
             "from 1 of 2 links within 2 s: udpout:127.0.0.1:",
         ),
-        ({"faults": [VehicleFault.from_text("vehicle=1,kind=duplicate_id,system=1")]}, {}, "system id 1 is that of"),
+        ({"faults": [VehicleFault.from_text("vehicle=1,kind=duplicate_id,system=1")]}, {}, "system id 1 is used by"),
         ({}, {"autopilot": "ardupilot"}, "autopilot is px4; it must be ardupilot"),
-        ({}, {"count": 3}, r"2 heard \(system ids 1, 2\); it must be 3"),
+        ({}, {"count": 3}, r"2 connected \(system ids 1, 2\); it must be 3"),
         ({}, {"key": KEY}, "packets were unsigned or wrongly signed"),
     ],
 )

@@ -105,5 +105,5 @@ def test_what_flights_can_fail_by():
     assert {item.result for item in failed} == {CheckResult.FAILURE}
     assert all(item.advice for item in failed)
     lenient = SMALL.replace(verdict=AcceptanceLimits(touched_flights=0.5))
-    touches = next(item for item in trial_items([flights[0], bad], lenient) if item.name == "flights with touches")
+    touches = next(item for item in trial_items([flights[0], bad], lenient) if item.name == "flights with contacts")
     assert touches.result is CheckResult.WARNING

@@ -78,14 +78,14 @@ def test_a_report_comes_back_and_allows_its_deployment(path, key):
         ({"items": (GOOD, GOOD.model_copy(update={"result": CheckResult.FAILURE}))}, {}, "failure: vehicle 1: battery"),
         ({"items": (GOOD.model_copy(update={"result": CheckResult.RUNNING}),)}, {}, "running: vehicle 1: battery"),
         ({"items": ()}, {}, "nothing was checked"),
-        ({"vehicles": ()}, {}, "without a live part"),
-        ({}, {"now": NOW + datetime.timedelta(hours=1.5)}, "5400 s old: it must be at most 3600 s"),
+        ({"vehicles": ()}, {}, "without vehicles"),
+        ({}, {"now": NOW + datetime.timedelta(hours=1.5)}, "5400 s old.*at most 3600 s"),
         ({}, {"now": NOW - datetime.timedelta(minutes=5)}, "-300 s old"),
-        ({}, {"now": NOW + datetime.timedelta(minutes=9), "age_max": 60.0}, "540 s old: it must be at most 60 s"),
+        ({}, {"now": NOW + datetime.timedelta(minutes=9), "age_max": 60.0}, "540 s old.*at most 60 s"),
         ({}, {"params": POINT._replace(p_rep=0.5)}, "another point: p_rep is "),
         ({}, {"scenario": WHOLE.replace(arena_side=400.0)}, "another scenario: arena_side is 500.0, not 400.0"),
         ({}, {"scenario": WHOLE.replace(wind=None)}, "another scenario: wind is "),
-        ({}, {"vehicles": VEHICLES[:1]}, "other vehicles: system ids 1, 2 were checked, 1 are there"),
+        ({}, {"vehicles": VEHICLES[:1]}, "other vehicles: system ids 1, 2 were checked, 1 are connected"),
         ({}, {"vehicles": [v.model_copy(update={"autopilot": "ardupilot"}) for v in VEHICLES]}, "other vehicles"),
         ({}, {"vehicles": [v.model_copy(update={"uid": "abc"}) for v in VEHICLES]}, "other vehicles"),
         ({"scenario": {"drones": "x"}}, {}, "scenario: drones: 'x' is of the wrong type"),
@@ -134,7 +134,7 @@ def test_an_edited_report_is_refused(path, key, old, new):
     [
         (KEY, OTHER_KEY, "sealed with another key"),
         (KEY, None, "it is sealed with a key: none was given"),
-        (None, KEY, "it is sealed with no key"),
+        (None, KEY, "it is sealed without a key"),
     ],
 )
 def test_a_seal_is_that_of_its_key(path, written, read, words):
@@ -195,7 +195,7 @@ def test_what_a_report_cannot_hold_is_refused(path, field, value, words):
 
 def test_a_report_is_a_regular_file_of_a_bounded_size(path, tmp_path, monkeypatch):
     os.mkfifo(path)
-    with pytest.raises(ReportError, match="it must be a regular file"):
+    with pytest.raises(ReportError, match="a regular file"):
         read_report(path)
     with pytest.raises(ReportError, match="Is a directory"):
         read_report(tmp_path)
@@ -204,7 +204,7 @@ def test_a_report_is_a_regular_file_of_a_bounded_size(path, tmp_path, monkeypatc
     monkeypatch.setattr(report_module, "_LARGEST_FILE", 100)
     path.unlink()
     write_report(report_of(), path)
-    with pytest.raises(ReportError, match="it must be at most 100 bytes"):
+    with pytest.raises(ReportError, match="at most 100 bytes"):
         read_report(path)
 
 

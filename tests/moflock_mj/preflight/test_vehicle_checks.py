@@ -77,7 +77,7 @@ def test_a_good_vehicle_passes(station):
         ("GPS speed accuracy", {"GPS_RAW_INT": {"vel_acc": 1100}}, "running", 1.1),
         ("disarmed, on the ground", {"HEARTBEAT": {"base_mode": lambda old: old | 128}}, "failure", "armed, on the"),
         ("disarmed, on the ground", {"EXTENDED_SYS_STATE": {"landed_state": 2}}, "failure", "in the air"),
-        ("disarmed, on the ground", {"EXTENDED_SYS_STATE": {"landed_state": 0}}, "running", "does not say"),
+        ("disarmed, on the ground", {"EXTENDED_SYS_STATE": {"landed_state": 0}}, "running", "not reported"),
         ("home", {"HOME_POSITION": {"latitude": lambda old: old + 1000}}, "failure", pytest.approx(11.1, abs=0.1)),
         ("home in the arena", {"HOME_POSITION": {"latitude": lambda old: old + 9100}}, "failure",
          pytest.approx(1, abs=1)),
@@ -122,11 +122,11 @@ def test_estimators_and_receivers_have_their_autopilots_limits(name, autopilot, 
         ("EXTENDED_SYS_STATE", "disarmed, on the ground"),
     ],
 )
-def test_what_is_not_told_is_waited_for(station, silent, name):
+def test_what_is_not_reported_is_waited_for(station, silent, name):
     assert Listener(station, without=[silent]).items()[name].result is CheckResult.RUNNING
 
 
-def test_what_was_told_long_ago_is_not_the_present(station):
+def test_what_was_reported_long_ago_is_not_the_present(station):
     listener = Listener(station)
     listener.time = 6.0
     items = listener.items()
@@ -135,7 +135,7 @@ def test_what_was_told_long_ago_is_not_the_present(station):
 
 
 def test_a_real_px4_that_stands_ready_passes():
-    """As PX4 1.17 told them: a bit of arming checks that is healthy without being present, a remote control that is
+    """As PX4 1.17 sent them: a bit of arming checks that is healthy without being present, a remote control that is
     missed, a position that is constant at rest, and no HDOP.
     """
     told = {
@@ -160,7 +160,7 @@ def test_an_ardupilot_that_does_not_report_its_checks():
     assert (item.result, item.value) == (CheckResult.WARNING, "not reported")
 
 
-def test_why_a_px4_would_not_arm_is_told_with_its_mode():
+def test_why_a_px4_would_not_arm_is_shown_with_its_mode():
     listener = Listener(
         fleet_of("px4").stations[0],
         {"SYS_STATUS": {"onboard_control_sensors_health": without(PREARM)}, "HEARTBEAT": {"custom_mode": 6 << 16}},
@@ -171,7 +171,7 @@ def test_why_a_px4_would_not_arm_is_told_with_its_mode():
     assert item.value == "Preflight Fail: heading estimate not stable, in OFFBOARD"
 
 
-def test_why_a_vehicle_would_not_arm_is_told():
+def test_why_a_vehicle_would_not_arm_is_shown():
     """As ArduCopter's status texts have it, in a reason and not a bare bit."""
     listener = Listener(
         fleet_of("ardupilot").stations[0],

@@ -8,27 +8,20 @@ import sys
 import numpy as np
 import pytest
 
-from moflock_mj import Scenario, fly, load_point
+from moflock_mj import Scenario
 from moflock_mj.errors import RenderError
-from moflock_mj.rendering.gl import find_gl
 from moflock_mj.rendering.interactive_viewer import Player, show
+from tests.support.flights import fly_small
 
 av = pytest.importorskip("av", reason="PyAV is not installed: the extra `video`")
 
 from moflock_mj.rendering.video import SMALLEST, render_video  # noqa: E402 - after the extra is known to be there
 
-try:
-    find_gl()
-    HAS_GL = True
-except RenderError:
-    HAS_GL = False
-
-needs_gl = pytest.mark.skipif(not HAS_GL, reason="no EGL and no OSMesa: apt-get install libegl1 libosmesa6")
 SCENARIO = Scenario(drones=4, duration=2.0, arena_side=60.0)
 
 
 def flown(point="A"):
-    return fly(load_point(point), scenario=SCENARIO, dynamics="point_mass")
+    return fly_small(point, SCENARIO)
 
 
 def frames_of(path):
@@ -36,8 +29,15 @@ def frames_of(path):
         return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
 
 
-@needs_gl
-@pytest.mark.parametrize(("camera", "colour"), [("overview", "danger"), ("chase", "speed"), ("top", "speed")])
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize(
+    ("camera", "colour"),
+    [
+        ("overview", "danger"),
+        pytest.param("chase", "speed", marks=pytest.mark.slow),
+        pytest.param("top", "speed", marks=pytest.mark.slow),
+    ],
+)
 def test_a_video_shows_the_flight(tmp_path, camera, colour):
     told = []
     out = tmp_path / "v.mp4"
@@ -51,7 +51,7 @@ def test_a_video_shows_the_flight(tmp_path, camera, colour):
     assert [path.name for path in tmp_path.iterdir()] == ["v.mp4"]
 
 
-@needs_gl
+@pytest.mark.usefixtures("gl")
 def test_every_drone_is_seen_in_the_colour_that_the_legend_gives_it(tmp_path):
     render_video([flown()], tmp_path / "v.mp4", camera="top", fps=1, size=(640, 360), processes=1)
     picture = frames_of(tmp_path / "v.mp4")[0].astype(int)
@@ -60,7 +60,7 @@ def test_every_drone_is_seen_in_the_colour_that_the_legend_gives_it(tmp_path):
     assert np.sum((blue > 150) & (blue - red > 60)) > 4 * 20  # four blue markers of some pixels each
 
 
-@needs_gl
+@pytest.mark.usefixtures("gl")
 def test_a_rendering_process_that_fails_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("moflock_mj.rendering.video.find_gl", lambda: "nothing")
     with pytest.raises(RenderError, match=r"ended with status 1: RuntimeError: .*MUJOCO_GL: nothing"):
@@ -68,7 +68,8 @@ def test_a_rendering_process_that_fails_is_one_line(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@needs_gl
+@pytest.mark.slow
+@pytest.mark.usefixtures("gl")
 def test_two_flights_share_a_video(tmp_path):
     render_video([flown("A"), flown("B")], tmp_path / "v.mp4", fps=2, size=SMALLEST, processes=2)
     assert len(frames_of(tmp_path / "v.mp4")) == 4

@@ -57,13 +57,13 @@ def test_sections_there_and_back():
 
 
 def test_a_section_is_of_its_own_kind():
-    with pytest.raises(ScenarioError, match=r"wind: Imu.* is of the wrong type: it must be a WindConfig, or None"):
+    with pytest.raises(ScenarioError, match=r"wind: Imu.*a WindConfig, or None"):
         Scenario(wind=ImuConfig())
     with pytest.raises(ScenarioError, match=r"imu\.gyro_noise: -1\.0 is out of bounds"):
         ImuConfig(gyro_noise=-1)
 
 
-def test_every_field_tells_its_unit_and_meaning():
+def test_every_field_has_its_unit_and_meaning():
     for field in itertools.chain(*map(dataclasses.fields, [Scenario, *Scenario.sections().values()])):
         bounds = field.metadata["bounds"]
         assert bounds.unit
@@ -73,29 +73,29 @@ def test_every_field_tells_its_unit_and_meaning():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("drone = 3", "drone: unknown name; did you mean drones"),
+        ("drone = 3", "drone.*drones"),
         ("[air]\nwind = 3", "air: unknown name"),
-        ("drones = 0", "drones: 0 is out of bounds: it must be at least 1"),
-        ("drones = 2.5", "drones: 2.5 is of the wrong type: it must be a whole number"),
+        ("drones = 0", "drones: 0.*at least 1"),
+        ("drones = 2.5", "drones: 2.5.*a whole number"),
         ("drones = true", "drones: True is of the wrong type"),
         ('drones = "30"', "drones: '30' is of the wrong type"),
         ("tau = inf", "tau: inf is not a finite number"),
         ("tau = nan", "tau: nan is not a finite number"),
         ("tau = -1", "tau: -1.0 is out of bounds"),
         ("tau = [1]", "tau: \\[1\\] is of the wrong type"),
-        ('start = "here"', "start: 'here' is out of bounds: it must be one of spaced, moflock"),
-        ("[wind]\nspeed = 900", r"wind\.speed: 900\.0 is out of bounds: it must be at least 0 m/s and at most 60 m/s"),
-        ("[wind]\nsped = 9", r"wind\.sped: unknown name; did you mean speed"),
-        ("[wind]\nspeed = 'fast'", r"wind\.speed: 'fast' is of the wrong type: it must be a number"),
-        ("[wind]\nturbulence = 'gale'", r"wind\.turbulence: 'gale' is out of bounds: it must be one of none, light"),
-        ("[wind]\nturbulence = 'light'\nw20 = 8", r"wind\.w20: 8 m/s stands beside turbulence = light: give one"),
-        ("wind = 8", r"wind: 8 is of the wrong type: it must be a table, \[wind\]"),
-        ("[[wind]]\nspeed = 8", r"wind: .* is of the wrong type: it must be a table"),
-        ("[battery]\ncharge = 0", r"battery\.charge: 0\.0 is out of bounds: it must be over 0 and at most 1"),
-        ("step = 0.03", "sample_period: 0.1 s is no whole multiple of the step, 0.03 s"),
-        ("step = 0.01\nt_gps = 0.055", "t_gps: 0.055 s is no whole multiple of the step, 0.01 s"),
-        ("duration = 0.25", "duration: 0.25 s is no whole multiple of the sample_period, 0.1 s"),
-        ("warm_up = 600", "warm_up: 600 s must be under the duration, 600 s"),
+        ('start = "here"', "start: 'here'.*one of spaced, moflock"),
+        ("[wind]\nspeed = 900", r"wind\.speed: 900\.0.*at least 0 m/s and at most 60 m/s"),
+        ("[wind]\nsped = 9", r"wind\.sped.*speed"),
+        ("[wind]\nspeed = 'fast'", r"wind\.speed: 'fast'.*a number"),
+        ("[wind]\nturbulence = 'gale'", r"wind\.turbulence: 'gale'.*one of none, light"),
+        ("[wind]\nturbulence = 'light'\nw20 = 8", r"wind\.w20: 8 m/s conflicts with turbulence = light"),
+        ("wind = 8", r"wind: 8.*a table, \[wind\]"),
+        ("[[wind]]\nspeed = 8", r"wind: .*a table"),
+        ("[battery]\ncharge = 0", r"battery\.charge: 0\.0.*over 0 and at most 1"),
+        ("step = 0.03", "sample_period: 0.1 s must be a whole multiple of the step, 0.03 s"),
+        ("step = 0.01\nt_gps = 0.055", "t_gps: 0.055 s must be a whole multiple of the step, 0.01 s"),
+        ("duration = 0.25", "duration: 0.25 s must be a whole multiple of the sample_period, 0.1 s"),
+        ("warm_up = 600", "warm_up: 600 s.*the duration, 600 s"),
         ("drones =", "not TOML"),
         ("\x00", "not TOML"),
     ],
@@ -109,7 +109,7 @@ def test_refusals_name_field_value_and_limit(text, words):
 def test_a_period_is_held_against_the_step_of_the_dynamics():
     scenario = Scenario(t_gps=0.205)
     assert scenario.step_for("rigid_body") == 0.005
-    with pytest.raises(ScenarioError, match=r"t_gps: 0\.205 s is no whole multiple of the step, 0\.01 s"):
+    with pytest.raises(ScenarioError, match=r"t_gps: 0\.205 s must be a whole multiple of the step, 0\.01 s"):
         scenario.step_for("point_mass")
 
 

@@ -37,7 +37,7 @@ def heard(observation, i):
     return sorted(observation.neighbours[i, : observation.neighbour_count[i]].tolist())
 
 
-def test_a_packet_tells_what_was_true_when_it_was_sent():
+def test_a_packet_holds_what_was_true_when_it_was_sent():
     world = TrueState.at_rest(2)
     state = SensorState.at_start(world, 3)
     for moment in range(8):
@@ -119,5 +119,5 @@ def test_a_moflock_start_has_one_common_velocity():
 @pytest.mark.parametrize("drones", [150, 10_000])
 def test_more_drones_than_fit_are_refused(drones):
     scenario = Scenario(drones=drones, arena_side=100.0)
-    with pytest.raises(ScenarioError, match=f"drones: {drones} do not fit into arena_side 100 m"):
+    with pytest.raises(ScenarioError, match=f"drones: {drones} .* 100 m"):
         make_initial_state(scenario, np.random.default_rng(1))

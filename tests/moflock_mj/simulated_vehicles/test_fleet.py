@@ -1,41 +1,33 @@
-"""A fleet as a whole: its plan, its sockets, its verb."""
+"""A fleet as a whole: its plan and its sockets."""
 
 from __future__ import annotations
 
 import asyncio
-import dataclasses
-import json
-import os
-import signal
 import socket
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from moflock_mj.errors import LinkError
 from moflock_mj.mavlink.dialect import mavlink
 from moflock_mj.mavlink.endpoint import Endpoint
-from moflock_mj.mavlink.signing import KEY_VARIABLE, SigningKey
+from moflock_mj.mavlink.signing import SigningKey
 from moflock_mj.simulated_vehicles.fleet import Fleet, FleetPlan
 from tests.support.ground_station import CALM, GroundStation, fleet_of
 
-MOFLOCK = Path(sys.executable).parent / "moflock"
 KEY = SigningKey(bytes(range(32)))
 
 
 @pytest.mark.parametrize(
     ("plan", "words"),
     [
-        ({"vehicles": 0}, "vehicles: 0 is out of bounds: it must be from 1 to 250"),
+        ({"vehicles": 0}, "vehicles: 0.*from 1 to 250"),
         ({"vehicles": 251}, "vehicles: 251"),
-        ({"autopilot": "paparazzi"}, "it must be one of ardupilot, px4"),
-        ({"base_port": 65535, "vehicles": 2}, "base_port: 65535 is out of bounds: it must be from 0 to 65534"),
+        ({"autopilot": "paparazzi"}, "ardupilot, px4"),
+        ({"base_port": 65535, "vehicles": 2}, "base_port: 65535.*from 0 to 65534"),
         ({"speed": float("nan")}, "speed: nan"),
         ({"speed": 0}, "speed: 0 is out of bounds"),
         ({"boot": -1}, "boot: -1"),
-        ({"spacing": 0.7}, "spacing: 0.7 m must be above the airframe's 0.754 m"),
+        ({"spacing": 0.7}, "spacing: 0.7 m.*the airframe's 0.754 m"),
         ({"scenario": CALM.replace(step=0.0125)}, "step: 0.0125 s must go a whole number of times"),
     ],
 )
@@ -104,64 +96,8 @@ def test_a_port_in_use_leaves_none_open():
             fleet = Fleet(FleetPlan(base_port=port - 1, vehicles=2))
             with pytest.raises(LinkError, match=f"UDP 127.0.0.1:{port}: "):
                 await fleet.open()
-            assert fleet.stations[0].endpoint._transport is None
+            await asyncio.sleep(0)  # the loop closes a socket in its next round
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free_again:
+                free_again.bind(("127.0.0.1", port - 1))
 
     asyncio.run(rehearse())
-
-
-def run(*arguments, cwd=None, **environment):
-    clean = {name: value for name, value in os.environ.items() if name != KEY_VARIABLE}
-    return subprocess.run(
-        [MOFLOCK, "fleet", *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
-        env={**clean, "COLUMNS": "200", **environment},
-    )  # fmt: skip
-
-
-def test_the_verb_prints_its_endpoints_and_ends_with_its_time():
-    done = run("--vehicles", 2, "--base-port", 0, "--duration", 1, "--speed", 5)
-    assert done.returncode == 0, done.stderr
-    assert "udpout://127.0.0.1:" in done.stdout
-    assert "2 x500 as ardupilot, links not signed" in done.stdout
-    assert "1.0 s simulated" in done.stdout
-    assert done.stderr == ""
-
-
-def test_the_verb_speaks_json_and_takes_its_key_from_the_environment():
-    done = run("--base-port", 0, "--duration", 1, "--speed", 5, "--json", **{KEY_VARIABLE: "correct horse"})
-    first, last = map(json.loads, done.stdout.splitlines())
-    assert first["signed"]
-    assert [vehicle["system"] for vehicle in first["vehicles"]] == [1]
-    assert last["time"] == pytest.approx(1.0)
-    assert set(last) >= {field.name for field in dataclasses.fields(type(fleet_of("px4").state()))}
-    assert "horse" not in done.stdout + done.stderr
-
-
-def test_ctrl_c_ends_the_fleet():
-    fleet = subprocess.Popen(
-        [MOFLOCK, "fleet", "--base-port", "0", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert json.loads(fleet.stdout.readline())["vehicles"]
-    fleet.send_signal(signal.SIGINT)
-    stdout, stderr = fleet.communicate(timeout=60)
-    assert fleet.returncode == 0, stderr
-    assert json.loads(stdout)["time"] >= 0
-    assert stderr == ""
-
-
-def test_bad_input_is_one_line_and_status_2(tmp_path):
-    (tmp_path / "open.key").write_text("correct horse battery staple")
-    (tmp_path / "open.key").chmod(0o644)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        cases = (
-            (("--fault", "vehicle=9,kind=link_loss,share=1"), "vehicle 9 is out of bounds"),
-            (("--key-file", "open.key"), "its permissions are 644, must be 600"),
-            (("--base-port", taken.getsockname()[1]), "in use"),
-            (("--to", "nowhere"), "must be HOST:PORT"),
-        )
-        for arguments, words in cases:
-            done = run(*arguments, cwd=tmp_path)
-            assert done.returncode == 2, arguments
-            assert words in done.stderr
-            assert done.stderr.count("\n") == 1
-            assert done.stdout == ""

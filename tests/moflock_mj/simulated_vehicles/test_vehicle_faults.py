@@ -26,17 +26,17 @@ def test_a_text():
     ("text", "words"),
     [
         ("", "must be key=value"),
-        ("vehicle=1", "kind: '' is out of bounds: it must be one of gps_loss"),
+        ("vehicle=1", "kind: ''.*one of gps_loss"),
         ("kind=link_loss", "share: is missing: link_loss needs it"),
-        ("kind=gps_loss,share=1", "share: 1.0 means nothing to gps_loss"),
-        ("vehicle=1,kind=fire", "kind: 'fire' is out of bounds: it must be one of gps_loss"),
+        ("kind=gps_loss,share=1", "share: 1.0 does not apply to gps_loss"),
+        ("vehicle=1,kind=fire", "kind: 'fire'.*one of gps_loss"),
         ("vehicle=1,kind=link_loss,share=1,when=3", "when: unknown name"),
         ("vehicle=1,vehicle=2,kind=link_loss,share=1", "each key once"),
         ("vehicle=-1,kind=link_loss,share=1", "vehicle: -1 is out of bounds"),
-        ("vehicle=1.5,kind=link_loss,share=1", "vehicle: 1.5 is of the wrong type: it must be a whole number"),
+        ("vehicle=1.5,kind=link_loss,share=1", "vehicle: 1.5.*a whole number"),
         ("vehicle=1,kind=link_loss,share=1,at=nan", "at: nan is not a finite number"),
         ("vehicle=1,kind=link_loss,share=1,at=soon", "at: 'soon' is of the wrong type"),
-        ("vehicle=1,kind=link_loss,share=2", "share: 2.0 is out of bounds: it must be at least 0 and at most 1"),
+        ("vehicle=1,kind=link_loss,share=2", "share: 2.0.*at least 0 and at most 1"),
     ],
 )
 def test_a_bad_text(text, words):
@@ -61,7 +61,7 @@ def test_a_file(tmp_path):
 
 
 def test_a_drone_that_there_is_not():
-    with pytest.raises(FleetError, match="vehicle 4 is out of bounds: it must be at most 3"):
+    with pytest.raises(FleetError, match=r"vehicle 4.*at most 3"):
         check_faults([VehicleFault.from_text("vehicle=4,kind=link_loss,share=1")], 4)
 
 

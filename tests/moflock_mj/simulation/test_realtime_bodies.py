@@ -47,8 +47,8 @@ def test_bodies_fly_in_wind_on_what_they_estimate():
     assert np.linalg.norm(bodies.qpos[:, :2] - PLACES, axis=1).max() < 15.0
 
 
-def test_only_whole_beats_are_flown():
-    with pytest.raises(ValueError, match="steps: 6 must be a multiple of the beat, 4"):
+def test_only_whole_cycles_are_flown():
+    with pytest.raises(ValueError, match="steps: 6 must be a multiple of the interval, 4"):
         bodies_of().advance(6)
 
 

@@ -99,7 +99,7 @@ def test_hil_gps():
     assert gps.cog == pytest.approx(30_687, abs=1)
 
 
-def test_a_body_that_has_been_hurled_away_can_still_be_told():
+def test_a_body_that_has_been_hurled_away_can_still_be_sent():
     far = READING._replace(motion=MOTION._replace(velocity=np.array([[1e4, -1e4, 1e4]])))
     gps = sent(gps_message(1, far, 0))
     assert (gps.vn, gps.ve, gps.vd) == (32_767, -32_767, 32_767)

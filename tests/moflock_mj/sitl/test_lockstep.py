@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import socket
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,6 +68,7 @@ def test_motors_that_stand_leave_the_bodies_where_they_are(kind):
         np.testing.assert_allclose(world.bodies.qpos, start, atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_that_hangs_falls_and_the_others_go_on_and_it_may_come_back(kind):
     notices = []
@@ -143,7 +145,7 @@ def test_the_same_frame_moves_the_world_once_and_a_lost_answer_is_said_again():
         assert pilot.state == before
 
 
-def test_a_px4_that_has_passed_over_its_sensors_is_told_them_again():
+def test_a_px4_that_has_passed_over_its_sensors_gets_them_again():
     with flight("px4") as (world, pilots):
         pilot, link = pilots[0], world.links[0]
         fly(world, pilots, 0.1)
@@ -202,14 +204,14 @@ def test_a_port_in_use_leaves_none_open(kind):
 @pytest.mark.parametrize(
     ("plan", "words"),
     [
-        ({"autopilot": "paparazzi"}, "physics-for: 'paparazzi' must be one of ardupilot, px4"),
-        ({"vehicles": 0}, "vehicles: 0 is out of bounds: it must be from 1 to 250"),
-        ({"vehicles": 2, "port": 65530}, "port: 65530 is out of bounds: it must be from 0 to 65525"),
+        ({"autopilot": "paparazzi"}, "physics-for: 'paparazzi'.*one of ardupilot, px4"),
+        ({"vehicles": 0}, "vehicles: 0.*from 1 to 250"),
+        ({"vehicles": 2, "port": 65530}, "port: 65530.*from 0 to 65525"),
         ({"speed": float("nan")}, "speed: nan"),
-        ({"spacing": 0.7}, "spacing: 0.7 m must be above the airframe's 0.754 m"),
+        ({"spacing": 0.7}, "spacing: 0.7 m.*the airframe's 0.754 m"),
         (
             {"scenario": CALM.replace(faults=(FaultConfig(kind="cannot_transmit", drone=0, at=1.0),))},
-            "faults: live bodies have none",
+            "faults: not supported by real-time bodies",
         ),
     ],
 )
@@ -253,6 +255,8 @@ def test_physics_is_on_loopback_alone():
     world = LockStep(PhysicsPlan(autopilot="ardupilot", port=0, scenario=CALM))
     world.open()
     try:
-        assert world.links[0]._opened.getsockname()[0] == "127.0.0.1"
+        ours = f":{world.links[0].port:04X}"
+        places = [line.split()[1] for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+        assert [place for place in places if place.endswith(ours)] == [f"0100007F{ours}"]  # 127.0.0.1, as Linux has it
     finally:
         world.close()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from moflock_mj.errors import FleetError
 from moflock_mj.sitl.processes import PLACEHOLDERS, Processes, fill_command
+from tests.support.waiting import wait_until
 
 VALUES = {name: name.upper() for name in PLACEHOLDERS}
 
@@ -42,13 +42,6 @@ def test_a_bad_command(command, words):
         fill_command(command, VALUES)
 
 
-def wait_for(condition):
-    deadline = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 def alive(pid):
     """Whether a process runs, and is no zombie."""
     try:
@@ -61,7 +54,7 @@ STUBBORN = """
 import os, signal, subprocess, sys, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 child = subprocess.Popen([sys.executable, "-c", "import signal, time; signal.signal(15, 1); time.sleep(600)"])
-print(os.getcwd(), child.pid, flush=True)
+print(os.getcwd(), os.getpid(), child.pid, flush=True)
 time.sleep(600)
 """
 
@@ -70,19 +63,19 @@ def test_programs_have_folders_and_end_with_their_children_even_if_they_do_not_w
     monkeypatch.setattr("moflock_mj.sitl.processes._GRACE", 0.2)
     outputs = [tmp_path / str(number) / "output.txt" for number in range(2)]
     with Processes([[sys.executable, "-c", STUBBORN]] * 2, tmp_path) as programs:
-        wait_for(lambda: all(path.exists() and path.read_text().endswith("\n") for path in outputs))
-        told = [path.read_text().split() for path in outputs]
-        pids = [program.pid for program in programs._running] + [int(child) for _, child in told]
+        wait_until(lambda: all(path.exists() and path.read_text().endswith("\n") for path in outputs))
+        printed = [path.read_text().split() for path in outputs]
+        pids = [int(pid) for _, *both in printed for pid in both]
         assert all(map(alive, pids))
         assert programs.ended(0) is None
-    assert [Path(folder) for folder, _ in told] == [tmp_path / "0", tmp_path / "1"]
-    wait_for(lambda: not any(map(alive, pids)))
+    assert [Path(folder) for folder, *_ in printed] == [tmp_path / "0", tmp_path / "1"]
+    wait_until(lambda: not any(map(alive, pids)))
 
 
 def test_a_second_ctrl_c_while_programs_end_leaves_none(tmp_path, monkeypatch):
     program = [sys.executable, "-c", "import signal, time; signal.signal(15, 1); print(1, flush=True); time.sleep(600)"]
     programs = Processes([program], tmp_path)
-    wait_for((tmp_path / "0" / "output.txt").read_text)
+    wait_until((tmp_path / "0" / "output.txt").read_text)
     naps = iter([KeyboardInterrupt])
 
     def nap(_):
@@ -98,7 +91,7 @@ def test_a_second_ctrl_c_while_programs_end_leaves_none(tmp_path, monkeypatch):
 
 def test_how_a_program_has_ended(tmp_path):
     with Processes([[sys.executable, "-c", "print('no'); raise SystemExit(3)"]], tmp_path) as programs:
-        wait_for(lambda: programs.ended(0) is not None)
+        wait_until(lambda: programs.ended(0) is not None)
         assert programs.ended(0) == f"it has ended with status 3: see {tmp_path / '0' / 'output.txt'}"
     assert (tmp_path / "0" / "output.txt").read_text() == "no\n"
 

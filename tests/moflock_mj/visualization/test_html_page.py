@@ -37,7 +37,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_page_tells_the_figures_and_what_its_colours_mean(page: Path) -> None:
+def test_page_has_the_figures_and_what_its_colours_mean(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for part in (
         "<title>point A - moflock</title>",
@@ -69,6 +69,7 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
         write_page(flown("A"), tmp_path / "file" / "a.html")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here to show the page")
 def test_browser_shows_the_flight_and_asks_the_network_for_nothing(page: Path, tmp_path: Path) -> None:
     shot, net = tmp_path / "shot.png", tmp_path / "net.json"

@@ -89,7 +89,7 @@ def test_flights_that_cannot_be_shown_together_are_refused(flight):
     smaller = dataclasses.replace(flight, scenario=SCENARIO.replace(arena_side=100.0))
     with pytest.raises(RenderError, match="one is in a 120 m arena, the other in a 100 m arena"):
         playback_of([flight, smaller])
-    with pytest.raises(RenderError, match="3 given, must be 1 to 2"):
+    with pytest.raises(RenderError, match=r"3 given.*1 to 2"):
         playback_of([flight] * 3)
     with pytest.raises(RenderError, match="no samples"):
         playback_of([dataclasses.replace(flight, samples=None)])

@@ -35,6 +35,7 @@ def test_places_are_uniform():
     assert radius.mean() == pytest.approx(20 / 3, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dynamics", ["point_mass", "rigid_body"])
 def test_a_flock_stays_in_it(dynamics):
     scenario = Scenario(drones=10, duration=60.0, arena=Circle(150.0))

@@ -1,4 +1,4 @@
-"""Sensitivity: indices of functions whose indices are known, and the verb on a tiny flock."""
+"""Sensitivity: indices of functions whose indices are known, and the command on a tiny flock."""
 
 import json
 
@@ -10,7 +10,7 @@ from moflock_mj.parameters.bounds import policy_bounds
 from moflock_mj.parameters.points import load_point
 from optimize.analysis.sensitivity import one_at_a_time, sobol_indices
 from optimize.evaluation.evaluation import Evaluation
-from tests.optimize.cli.test_optimize import refused, run
+from tests.support.cli import refused, run
 
 
 class Linear:
@@ -47,7 +47,8 @@ def test_one_parameter_at_a_time_goes_through_its_bounds():
     np.testing.assert_allclose(np.diff(found.fitness[5, :, 0, 0]), 0)
 
 
-def test_the_verb_writes_a_figure_and_json(tmp_path):
+@pytest.mark.slow
+def test_the_command_writes_a_figure_and_json(tmp_path):
     asked = ("--samples", 2, "--levels", 2, "--seeds", 2, "--drones", 3, "--duration", 2, "--workers", 1)
     done = run("sensitivity", "B", *asked, "--out", tmp_path / "s")
     assert done.returncode == 0, done.stderr
@@ -60,9 +61,9 @@ def test_the_verb_writes_a_figure_and_json(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("C",), "point C: unknown"),
-        (("A", "--samples", "3"), "samples: 3 is out of bounds: it must be a power of two"),
-        (("A", "--samples", "2", "--seeds", "1"), "seeds: 1 is out of bounds"),
+        (("C",), "point C"),
+        (("A", "--samples", "3"), "samples: 3"),
+        (("A", "--samples", "2", "--seeds", "1"), "seeds: 1"),
     ],
 )
 def test_bad_input_gets_one_line(arguments, words, tmp_path):
@@ -86,9 +87,9 @@ def test_a_sweep_writes_a_figure_of_each_field(tmp_path):
         ((), "sweep: no field is given"),
         (("--drones", "2,x"), "drones: '2,x'"),
         (("--drones", "2,0"), "drones: 0"),
-        (("--t-del", "0.123"), "t_del: 0.123 s is no whole multiple"),
-        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s is no whole multiple"),
-        (("--drones", "2", "--seeds", "1"), "seeds: 1 is out of bounds"),
+        (("--t-del", "0.123"), "t_del: 0.123 s"),
+        (("--drones", "2", "--t-del", "0.123"), "t_del: 0.123 s"),
+        (("--drones", "2", "--seeds", "1"), "seeds: 1"),
     ],
 )
 def test_a_bad_sweep_gets_one_line(arguments, words, tmp_path):

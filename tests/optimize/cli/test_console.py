@@ -7,14 +7,14 @@ import os
 import pty
 import struct
 import subprocess
-import sys
 import termios
 from fcntl import ioctl
-from pathlib import Path
 
 import pytest
 
-MOFLOCK = Path(sys.executable).parent / "moflock"
+from tests.support.cli import MOFLOCK
+
+pytestmark = pytest.mark.slow
 TINY = ("--drones", 4, "--duration", 2, "--workers", 1)
 SEARCH = ("--drones", 4, "--duration", 4, "--budget", 24, "--population", 8, "--workers", 1)
 

@@ -1,7 +1,6 @@
 """The run directory: what is stored comes back, and survives kills, damage and full disks."""
 
 import signal
-import sqlite3
 import subprocess
 import sys
 import textwrap
@@ -12,25 +11,10 @@ import pytest
 from moflock_mj.errors import SearchError
 from moflock_mj.parameters.bounds import bounds_of
 from moflock_mj.parameters.points import load_point
-from optimize.evaluation.evaluation import Evaluation, EvaluationTask, Job, infeasible
+from optimize.evaluation.evaluation import EvaluationTask, Job, infeasible
 from optimize.search.configuration import Configuration, SearchConfig
 from optimize.search.run_directory import RunDirectory
-from tests.support.search import small_configuration
-
-
-def some_evaluation(number, flights=2):
-    rng = np.random.default_rng(number)
-    return Evaluation(
-        number=number,
-        params=load_point("A")._replace(r0_rep=30 + rng.random()),
-        seeds=tuple(rng.integers(1, 2**31, flights).tolist()),
-        order_parameters=rng.random((flights, 6)),
-        fitness=rng.random((flights, 6)),
-        figures=rng.random((flights, 12)),
-        seconds=0.1,
-        worker="here",
-        outcome="ok",
-    )
+from tests.support.search import change_archive, small_configuration, some_evaluation
 
 
 def same(one, two):
@@ -96,13 +80,13 @@ def test_two_searches_in_one_directory_are_refused(tmp_path):
     run.close()
 
 
+@pytest.mark.slow
 def test_rows_outlive_a_killed_program(tmp_path):
     program = textwrap.dedent(
         """
         import sys
         from optimize.search.run_directory import RunDirectory
-        from tests.support.search import small_configuration
-        from tests.optimize.evaluation.test_archive import some_evaluation
+        from tests.support.search import small_configuration, some_evaluation
         run = RunDirectory.create(sys.argv[1], small_configuration())
         for number in range(10**6):
             run.append(some_evaluation(number), 0)
@@ -119,13 +103,9 @@ def test_rows_outlive_a_killed_program(tmp_path):
     assert all(same(evaluation, some_evaluation(evaluation.number)) for evaluation in found)
 
 
-def test_a_damaged_last_row_is_left_out_and_mended(tmp_path):
+def test_a_damaged_last_row_is_left_out_and_repaired(tmp_path):
     filled(tmp_path / "run").close()
-    archive = tmp_path / "run" / "archive.sqlite"
-    connection = sqlite3.connect(archive)
-    connection.execute("UPDATE evaluations SET fitness = '[[1, 2' WHERE number = 39")
-    connection.commit()
-    connection.close()
+    change_archive(tmp_path / "run", "UPDATE evaluations SET fitness = '[[1, 2' WHERE number = 39")
     with RunDirectory.open(tmp_path / "run") as run:
         assert run.damaged == 1
         assert [evaluation.number for evaluation in run.evaluations()] == list(range(39))

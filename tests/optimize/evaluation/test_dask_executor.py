@@ -17,11 +17,12 @@ from moflock_mj.parameters.points import load_point
 from moflock_mj.scenario.scenario import Scenario
 from optimize.evaluation.evaluation import EvaluationTask, Job, evaluate
 from optimize.evaluation.executors import make_executor
-from tests.optimize.cli.test_optimize import run
+from tests.support.cli import run
+from tests.support.waiting import wait_until
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 # Dask's own sockets and event loops are closed by its garbage collection.
-pytestmark = pytest.mark.filterwarnings("default")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]
 
 TINY = Scenario(drones=5, arena_side=120.0, duration=100.0, step=0.1)
 JOB = Job(scenario=TINY, dynamics="point_mass")
@@ -49,11 +50,13 @@ def start(folder, kind, *arguments):
 
 def wait_for_port(port):
     """A busy machine takes longer to start a scheduler than a client waits for one."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
+
+    def answers():
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
-            return
-        time.sleep(0.1)
+            return True
+        return False
+
+    wait_until(answers, pause=0.1)
 
 
 @contextlib.contextmanager
@@ -74,10 +77,7 @@ def running_cluster(folder, count):
 
 
 def wait_for_workers(executor, count):
-    deadline = time.monotonic() + 60
-    while executor.workers < count and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert executor.workers == count
+    wait_until(lambda: executor.workers == count, pause=0.1)
 
 
 def tasks_of(count):

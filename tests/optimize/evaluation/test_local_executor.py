@@ -45,6 +45,16 @@ def children():
         return {int(pid) for pid in listed.read().split()}
 
 
+def command_of(pid):
+    with open(f"/proc/{pid}/cmdline") as command:  # noqa: PTH123
+        return command.read()
+
+
+def workers_since(before):
+    """Processes of an executor that has been made since."""
+    return [pid for pid in children() - before if "resource_tracker" not in command_of(pid)]
+
+
 def test_an_evaluation_is_the_flight_of_each_seed():
     job = Job(scenario=TINY, dynamics="point_mass", coverage=True)
     found = evaluate(job, EvaluationTask(7, load_point("A"), (3, 4)))
@@ -52,7 +62,7 @@ def test_an_evaluation_is_the_flight_of_each_seed():
     flight = fly(load_point("A"), scenario=TINY, dynamics="point_mass", seed=4)
     np.testing.assert_array_equal(found.order_parameters[1], flight.order_parameters)
     np.testing.assert_array_equal(found.fitness[1, :6], flight.fitness[:6])
-    assert found.fitness[1, 6] == coverage(flight.samples.position, TINY.arena_side)[-1]
+    assert found.fitness[1, 6] == coverage(flight.samples.position, TINY.arena)[-1]
 
 
 @pytest.mark.parametrize("dynamics", ["point_mass", "rigid_body"])
@@ -71,6 +81,7 @@ def test_a_point_that_cannot_be_flown_is_infeasible_and_not_nan():
     assert found.fitness.tolist() == [[0.0] * 6]
 
 
+@pytest.mark.slow
 def test_one_worker_two_and_none_give_the_same():
     job, tasks = Job(scenario=TINY, dynamics="point_mass"), tasks_of(12)
     here = {task.number: evaluate(job, task) for task in tasks}
@@ -80,10 +91,11 @@ def test_one_worker_two_and_none_give_the_same():
         assert bits(gather(two, tasks)) == bits(here), "an executor may be used again"
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_replaced_and_its_task_flown_again():
     job, tasks, before = Job(scenario=TINY.replace(duration=2000.0), dynamics="point_mass"), tasks_of(10), children()
     with LocalExecutor(job, 2) as executor:
-        victim = executor._workers[0]._process.pid
+        victim = workers_since(before)[0]
         threading.Timer(0.3, os.kill, (victim, signal.SIGKILL)).start()
         found = gather(executor, tasks)
         assert victim not in children() - before
@@ -91,6 +103,7 @@ def test_a_killed_worker_is_replaced_and_its_task_flown_again():
     assert bits(found) == bits({task.number: evaluate(job, task) for task in tasks})
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_each_worker_is_infeasible_and_the_others_fly():
     job = Job(scenario=LONG, dynamics="point_mass")
     with LocalExecutor(job, 1) as executor:
@@ -112,20 +125,23 @@ def test_a_task_that_kills_each_worker_is_infeasible_and_the_others_fly():
     assert not found.fitness.any()
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_takes_too_long_notices_by_itself():
     with LocalExecutor(Job(scenario=LONG, dynamics="point_mass", timeout=0.2), 1) as executor:
         (found,) = gather(executor, tasks_of(1)).values()
     assert found.outcome == "TimeoutError: timed out after 0.2 s"
 
 
+@pytest.mark.slow
 def test_a_worker_that_hangs_is_killed(monkeypatch):
     monkeypatch.setattr("optimize.evaluation.local_executor._GRACE", 0.5)
+    before = children()
     with LocalExecutor(Job(scenario=TINY, dynamics="point_mass", timeout=0.3), 1) as executor:
-        hung = executor._workers[0]._process.pid
+        (hung,) = workers_since(before)
         os.kill(hung, signal.SIGSTOP)
         began = time.monotonic()
         (found,) = gather(executor, tasks_of(1)).values()
-        assert executor._workers[0]._process.pid != hung
+        assert hung not in workers_since(before)
     assert found.outcome == "ok", "on a fresh worker"
     assert time.monotonic() - began < 20
 
@@ -137,19 +153,15 @@ def test_evaluations_that_are_left_in_the_middle_do_not_come_later():
     assert all(evaluation.seeds == (9,) for evaluation in found.values())
 
 
+@pytest.mark.slow
 def test_no_process_outlives_its_executor():
     before = children()
     executor = LocalExecutor(Job(scenario=TINY, dynamics="point_mass"), 2)
     executor.close()
-    left = [pid for pid in children() - before if "resource_tracker" not in command_of(pid)]
-    assert left == []
+    assert workers_since(before) == []
 
 
-def command_of(pid):
-    with open(f"/proc/{pid}/cmdline") as command:  # noqa: PTH123
-        return command.read()
-
-
+@pytest.mark.slow
 def test_ctrl_c_is_no_affair_of_a_worker_that_is_starting():
     worker = _Worker(Job(scenario=TINY, dynamics="point_mass"))
     try:
@@ -160,12 +172,14 @@ def test_ctrl_c_is_no_affair_of_a_worker_that_is_starting():
         worker.end()
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_the_parents():
+    before = children()
     with LocalExecutor(Job(scenario=TINY, dynamics="point_mass"), 1) as executor:
-        worker = executor._workers[0]._process.pid
+        (worker,) = workers_since(before)
         os.kill(worker, signal.SIGINT)
         gather(executor, tasks_of(2))
-        assert executor._workers[0]._process.pid == worker
+        assert workers_since(before) == [worker]
 
 
 @pytest.mark.parametrize("workers", [0, -1, 100_000])

@@ -1,12 +1,8 @@
 """Studies whose flights are kept: stopped anywhere and run again they end the same, and fly nothing twice."""
 
-import contextlib
 import json
 import os
 import signal
-import sqlite3
-import subprocess
-import time
 
 import pytest
 
@@ -17,12 +13,13 @@ from optimize.evaluation import resumable
 from optimize.evaluation.archive import Archive
 from optimize.evaluation.evaluation import EvaluationTask, Job
 from optimize.evaluation.resumable import ResumableEvaluator
-from tests.optimize.cli.test_optimize import MOFLOCK, refused, rows_so_far, run
-from tests.support.search import FakeExecutor
+from tests.support.cli import refused, run, start_program
+from tests.support.search import FakeExecutor, change_archive, evaluations_in
+from tests.support.waiting import wait_until
 
 TINY = ("--duration", 2, "--workers", 1, "--json")
 LONG = ("--duration", 1000)
-"""Flights of some milliseconds each, so that a busy machine has not flown them all before it is told to stop."""
+"""Flights of some milliseconds each, so that a busy machine has not flown them all before it is stopped."""
 SENSITIVITY = ("sensitivity", "A", "--samples", 2, "--levels", 2, "--seeds", 2, "--drones", 4, *TINY)
 SWEEP = ("sweep", "A", "--drones", "2,3", "--t-del", "0,0.5", "--seeds", 3, *TINY)
 PCA = ("pca", "--points", 20, "--drones", 4, *TINY)
@@ -64,7 +61,11 @@ def contents(path):
     return {file.name: file.read_bytes() for file in path.iterdir()}
 
 
-@pytest.mark.parametrize("arguments", FLIGHTS, ids=lambda arguments: arguments[0])
+@pytest.mark.parametrize(
+    "arguments",
+    [pytest.param(SENSITIVITY, marks=pytest.mark.slow), SWEEP, PCA],
+    ids=lambda arguments: arguments[0],
+)
 def test_interrupted_anywhere_and_run_again_it_ends_the_same(arguments, tmp_path):
     count = FLIGHTS[arguments]
     whole, expected = studied(arguments, tmp_path / "whole.json")
@@ -156,8 +157,7 @@ def test_what_failed_or_is_damaged_is_flown_again(tmp_path):
     with Archive(tmp_path, VASARHELYI) as archive:
         first = list(ResumableEvaluator(FakeExecutor(job, fails=[2]), archive).evaluate(tasks))
     assert [flown.number for flown in first if flown.outcome != "ok"] == [2]
-    with contextlib.closing(sqlite3.connect(tmp_path / "archive.sqlite")) as connection, connection:
-        connection.execute("UPDATE evaluations SET r0_rep = 31.0 WHERE number = 4")
+    change_archive(tmp_path, "UPDATE evaluations SET r0_rep = 31.0 WHERE number = 4")
     with Archive(tmp_path, VASARHELYI) as archive:
         executor = FakeExecutor(job)
         again = list(ResumableEvaluator(executor, archive).evaluate(tasks))
@@ -165,23 +165,20 @@ def test_what_failed_or_is_damaged_is_flown_again(tmp_path):
     assert sorted(flown.number for flown in again) == list(range(6))
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_flown(tmp_path):
     """On flights that are real, as from a terminal, whose whole group of processes gets the signal."""
     arguments = [str(part) for part in ("sweep", "A", "--drones", "9,10", "--seeds", 150, *TINY, *LONG, "--out")]
-    command = [MOFLOCK, *arguments, tmp_path / "cut"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    while process.poll() is None and not ((tmp_path / "cut").exists() and rows_so_far(tmp_path / "cut") >= 5):
-        time.sleep(0.005)
+    process = start_program(*arguments, tmp_path / "cut", start_new_session=True)
+    wait_until(lambda: process.poll() is not None or evaluations_in(tmp_path / "cut") >= 5, pause=0.005)
     os.killpg(process.pid, signal.SIGINT)
     printed, line = process.communicate()
     assert (process.returncode, printed) == (130, "")
     assert line == f"stopped; go on with the same command: its flights are kept in {tmp_path / 'cut'}\n"
-    left = rows_so_far(tmp_path / "cut")
+    left = evaluations_in(tmp_path / "cut")
     assert 5 <= left < 300
     resumed = run(*arguments, tmp_path / "cut")
     assert resumed.stderr.startswith(f"{left} flights are in ")
-    assert rows_so_far(tmp_path / "cut") == 300
+    assert evaluations_in(tmp_path / "cut") == 300
     assert resumed.stdout == run(*arguments, tmp_path / "whole").stdout
     assert len(json.loads(resumed.stdout)["sweeps"]["drones"]["fitness"]) == 2

@@ -50,6 +50,7 @@ def run(tmp_path):
         yield made
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_and_its_figures(run, tmp_path):
     executor = Here(run.configuration.job)
     components, fitness = study(executor, run.configuration.bounds, points=40, seed=1)

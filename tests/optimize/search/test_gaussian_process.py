@@ -170,7 +170,7 @@ def test_of_too_many_points_the_surest_and_latest_are_taken(monkeypatch):
     assert (found[20:] != flights.mean[20:]).all()
 
 
-def test_a_cheaper_model_tells_what_few_flights_cannot():
+def test_a_cheaper_model_shows_what_few_flights_cannot():
     """A model that is right up to its scale and an offset, flown on many points, and the real thing on few."""
     rng = np.random.default_rng(5)
     many, at = rng.random((200, 12)), rng.random((50, 12))

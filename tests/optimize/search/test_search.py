@@ -15,7 +15,7 @@ from optimize.search.estimates import hypervolume
 from optimize.search.front import candidates
 from optimize.search.run_directory import RunDirectory
 from optimize.search.search import search
-from tests.support.search import FakeExecutor, small_configuration
+from tests.support.search import FakeExecutor, change_archive, small_configuration
 
 
 def outcome(run):
@@ -53,7 +53,9 @@ def searched(path, configuration, **fake):
         return outcome(run), result
 
 
-@pytest.mark.parametrize("algorithm", ["nsga2", "unsga3", "cmaes", "pso"])
+@pytest.mark.parametrize(
+    "algorithm", ["nsga2", "cmaes", *(pytest.param(name, marks=pytest.mark.slow) for name in ("unsga3", "pso"))]
+)
 def test_interrupted_anywhere_and_resumed_it_ends_the_same(tmp_path, algorithm):
     configuration = small_configuration(algorithm=algorithm, seeds=2, budget=120)
     expected, result = searched(tmp_path / "whole", configuration)
@@ -71,6 +73,7 @@ def test_interrupted_anywhere_and_resumed_it_ends_the_same(tmp_path, algorithm):
     assert resumed.complete
 
 
+@pytest.mark.slow
 def test_a_search_that_is_killed_and_resumed_ends_the_same(tmp_path):
     configuration = small_configuration(budget=200)
     expected, result = searched(tmp_path / "whole", configuration)
@@ -115,9 +118,7 @@ def test_the_order_of_completion_changes_nothing(tmp_path):
 def test_rows_that_are_damaged_are_flown_again(tmp_path):
     configuration = small_configuration()
     expected, _ = searched(tmp_path / "run", configuration)
-    with RunDirectory.open(tmp_path / "run") as run:
-        run._connection.execute("UPDATE evaluations SET r0_rep = 31.0 WHERE number IN (5, 30)")
-        run._connection.commit()
+    change_archive(tmp_path / "run", "UPDATE evaluations SET r0_rep = 31.0 WHERE number IN (5, 30)")
     with RunDirectory.open(tmp_path / "run") as run:
         executor = FakeExecutor(configuration.job)
         search(run, executor)
@@ -164,6 +165,7 @@ def test_an_archive_of_another_search_is_refused(tmp_path):
         search(run, FakeExecutor(configuration.job))
 
 
+@pytest.mark.slow
 def test_more_flights_of_the_same_noise_find_a_better_front(tmp_path):
     small = searched(tmp_path / "a", small_configuration(budget=60))[1]
     large = searched(tmp_path / "b", small_configuration(budget=400))[1]
@@ -186,7 +188,7 @@ def test_settings_that_make_no_sense_are_refused(settings, words):
         small_configuration(**settings)
 
 
-def test_a_screened_search_flies_all_that_is_bred_on_point_masses_and_few_on_bodies(tmp_path):
+def test_a_screened_search_flies_all_offspring_on_point_masses_and_few_on_bodies(tmp_path):
     told = []
     with RunDirectory.create(tmp_path / "run", screened_configuration(budget=100)) as run:
         result = screened_search(run, progress=told.append)
@@ -241,6 +243,7 @@ def test_a_search_starts_from_points_and_resumes_the_same(tmp_path):
         assert outcome(run) == expected
 
 
+@pytest.mark.slow
 def test_as_many_flights_of_bodies_find_a_better_front_with_screening(tmp_path):
     """Noise as of flights; over three seeds, since each search has luck of its own."""
     plain, screened = [], []

@@ -16,6 +16,7 @@ TINY = Scenario(drones=4, arena_side=150.0, duration=110.0)
 EFFORT = Effort(points=12, analyses=1, budget=60, runs=1, fresh=2, seeds=3, tracks=1)
 
 
+@pytest.mark.slow
 def test_the_study_writes_its_page_its_figures_and_the_named_points(tmp_path):
     asked = {"docs": tmp_path / "docs", "named": tmp_path / "named", "workers": 1, "effort": EFFORT}
     (tmp_path / "docs").mkdir()

@@ -42,6 +42,7 @@ def found_there():
     return front_of(fitness, np.array([load_point(name) for name in ("fast", "knee", "cohesive")]))
 
 
+@pytest.mark.slow
 def test_the_study_searches_in_three_ways_and_flies_nothing_twice(tmp_path):
     (tmp_path / "there.json").write_text(found_there().to_json())
     asked = {"docs": tmp_path / "docs", "named": tmp_path / "named", "effort": EFFORT, "workers": 1}

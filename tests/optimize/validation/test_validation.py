@@ -1,11 +1,6 @@
 """Validation as a user meets it, on flocks that are cheap to fly."""
 
-import contextlib
 import json
-import signal
-import sqlite3
-import subprocess
-import time
 
 import numpy as np
 import pytest
@@ -17,19 +12,12 @@ from optimize.evaluation.evaluation import FIGURE_NAMES, EvaluationTask, Job, in
 from optimize.studies.validation import POINTS, make_study
 from optimize.validation.fault_trials import fault_trials, standard_faults
 from optimize.validation.validation import ValidationConfig, ValidationDirectory, gather
-from tests.optimize.cli.test_optimize import MOFLOCK, refused, run
+from tests.support.cli import refused, run, start_program
+from tests.support.search import evaluations_in, rows_of
+from tests.support.waiting import wait_until
 
 TINY = ("--drones", "4", "--duration", "4", "--workers", "1")
-
-
-def rows_of(path):
-    with contextlib.closing(sqlite3.connect(path / "archive.sqlite")) as archive:
-        try:
-            return archive.execute(
-                "SELECT number, generation, r0_rep, seeds, fitness, figures FROM evaluations ORDER BY 1"
-            ).fetchall()
-        except sqlite3.OperationalError:  # its table is not there yet
-            return []
+COLUMNS = "number, generation, r0_rep, seeds, fitness, figures"
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +30,7 @@ def validated(tmp_path_factory):
     return path, done.stdout
 
 
+@pytest.mark.slow
 def test_all_that_was_promised_is_there(validated):
     path, printed = validated
     for words in (
@@ -59,6 +48,7 @@ def test_all_that_was_promised_is_there(validated):
         assert run("replay", log).returncode == 0
 
 
+@pytest.mark.slow
 def test_the_numbers_are_those_of_the_flights(validated):
     path, _ = validated
     told = json.loads((path / "validation.json").read_text())
@@ -77,29 +67,27 @@ def test_the_numbers_are_those_of_the_flights(validated):
     assert first["gap"]["F_1"]["mean"] == pytest.approx(gap)
 
 
+@pytest.mark.slow
 def test_a_killed_validation_resumes_to_the_numbers_of_one_never_killed(validated, tmp_path):
     whole, _ = validated
     path = tmp_path / "killed"
     point = whole.parent / "mine.json"
-    process = subprocess.Popen(
-        [MOFLOCK, "validate", "A", point, "--seeds", "2", "--fault-seeds", "1", *TINY, "--out", path, "--no-logs"],
-        stdout=subprocess.DEVNULL,
-    )
-    while process.poll() is None:
-        if (path / "archive.sqlite").exists() and len(rows_of(path)) >= 2:
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-        time.sleep(0.005)
-    assert len(rows_of(path)) >= 2
+    wish = ("--seeds", 2, "--fault-seeds", 1, *TINY, "--out", path, "--no-logs")
+    process = start_program("validate", "A", point, *wish)
+    wait_until(lambda: process.poll() is not None or evaluations_in(path) >= 2, pause=0.005)
+    process.kill()
+    process.communicate()
+    assert evaluations_in(path) >= 2
     done = run("validate", "--resume", path, "--workers", 1, "--no-logs")
     assert done.returncode == 0, done.stderr
-    assert rows_of(path) == rows_of(whole)
+    assert rows_of(path, COLUMNS) == rows_of(whole, COLUMNS)
     ours, theirs = (json.loads((folder / "validation.json").read_text()) for folder in (path, whole))
     for point in (*ours["points"], *theirs["points"]):
         point.pop("log")
     assert ours == theirs
 
 
+@pytest.mark.slow
 def test_a_directory_comes_back(validated):
     path, _ = validated
     with ValidationDirectory.open(path) as directory:
@@ -129,6 +117,7 @@ def test_what_a_fault_brings_down_by_itself_is_not_lost_to_others():
     assert alone.verdict == "unharmed"
 
 
+@pytest.mark.slow
 def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
     scenario = Scenario(drones=3, duration=1.0)
     effort = {"seeds": 2, "fault_seeds": 1, "workers": 1}
@@ -139,7 +128,7 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
         assert "power_off" in text
         assert (tmp_path / "docs" / "validation" / "fronts.png").exists()
     flights = 2 * 2 + len(standard_faults(scenario))
-    assert len(rows_of(tmp_path / "logs")) == flights * len(POINTS)
+    assert evaluations_in(tmp_path / "logs") == flights * len(POINTS)
     with pytest.raises(SearchError, match="of another scenario, other points or seeds"):
         make_study(scenario, tmp_path / "logs", tmp_path / "docs", **effort | {"fault_seeds": 2})
 
@@ -148,21 +137,21 @@ def test_the_study_makes_its_page_and_is_not_flown_twice(tmp_path):
     ("arguments", "words"),
     [
         (("validate",), "points: there are none"),
-        (("validate", "C"), "point C: unknown; it must be one of"),
-        (("validate", "A", "A"), "point A: it is given twice"),
-        (("validate", "A", "--seeds", 2, "--fault-seeds", 3), "fault_seeds: 3 is out of bounds"),
+        (("validate", "C"), "point C"),
+        (("validate", "A", "A"), "point A"),
+        (("validate", "A", "--seeds", 2, "--fault-seeds", 3), "fault_seeds: 3"),
         (("validate", "{tmp}/none.json"), "none.json"),
         (("validate", "{tmp}/none"), "a search directory"),
         (("validate", "{tmp}"), "configuration.json"),
-        (("validate", "A", "--seeds", "0"), "seeds: 0 is out of bounds: it must be at least 2"),
-        (("validate", "A", "--seeds", "1"), "seeds: 1 is out of bounds: it must be at least 2"),
-        (("validate", "A", "--scenario", "{tmp}/weak.toml"), "a_max: 30 m/s^2 is too much for the airframe x500"),
-        (("validate", "A", "--scenario", "{tmp}/boat.toml"), "airframe: 'boat' is unknown"),
-        (("validate", "A", "--scenario", "{tmp}/limit.toml"), "verdict.saturated: 2.0 is out of bounds"),
+        (("validate", "A", "--seeds", "0"), "seeds: 0"),
+        (("validate", "A", "--seeds", "1"), "seeds: 1"),
+        (("validate", "A", "--scenario", "{tmp}/weak.toml"), "a_max: 30 m/s^2"),
+        (("validate", "A", "--scenario", "{tmp}/boat.toml"), "airframe: 'boat'"),
+        (("validate", "A", "--scenario", "{tmp}/limit.toml"), "verdict.saturated: 2.0"),
         (("validate", "A", "--workers", "0"), "workers: 0"),
         (("validate", "--resume", "{tmp}/none"), "configuration.json"),
         (("validate", "A", "--resume", "{tmp}/none"), "its own points"),
-        (("identify", "boat"), "airframe: 'boat' is unknown"),
+        (("identify", "boat"), "airframe: 'boat'"),
         (("identify", "x500", "--scenario", "{tmp}/weak.toml"), "a_max: 30"),
     ],
 )
