@@ -1,4 +1,4 @@
-"""Makes the pictures of the README and the site: `make pictures`. Needs the extras, PyAV's ffmpeg, and Chromium."""
+"""Create the pictures of the README and the site: `make pictures`. Requires the extras, PyAV and Chromium."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ANIMATED = Scenario(drones=30, arena_side=250.0, duration=90.0, warm_up=20.0)
 """Scenario of the animated picture, flown with the default parameters."""
 
 ANIMATION_BEGIN = 30.0
-"""s, of the flight: the flock has formed."""
+"""Time at which the animation begins, s; the flock has formed by then."""
 
 ANIMATION_SIZE = 640, 360
 """Width and height, pixels."""
@@ -73,7 +73,7 @@ def shrink(picture: Path) -> None:
 
 
 def animate(out: Path, folder: Path) -> None:
-    """Fly the animated scenario on rigid bodies, and save its video as an animated WebP."""
+    """Fly the animated scenario as rigid bodies and save its video as an animated WebP."""
     whole, later, video = (folder / name for name in ("whole.mcap", "later.mcap", "animation.mp4"))
     fly(load_point("steady"), scenario=ANIMATED, log=whole, keep_samples=False)
     resume(read_log(whole), ANIMATION_BEGIN, log=later, keep_samples=False)
@@ -88,7 +88,7 @@ def animate(out: Path, folder: Path) -> None:
 
 
 def main() -> None:
-    """Fly twice: one flight is shown in three ways, the other is animated."""
+    """Create the animation, and all still pictures of a second flight."""
     PICTURES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         animate(PICTURES / "flight.webp", Path(folder))

@@ -139,7 +139,7 @@ class Px4StandIn:
 
 
 FLYING = 100
-"""Exchanges after which a stand-in says that it flies."""
+"""Number of exchanges after which a stand-in reports that it flies."""
 
 STAND_INS = {"ardupilot": ArduPilotStandIn, "px4": Px4StandIn}
 
@@ -147,12 +147,12 @@ STAND_INS = {"ardupilot": ArduPilotStandIn, "px4": Px4StandIn}
 def main(kind, port, height, *_):
     """Fly until killed; retry until the simulator is available."""
     print("stand-in of", kind, "at", port, flush=True)
-    pilot, exchanges = None, 0
+    autopilot, exchanges = None, 0
     while True:
         try:
-            pilot = pilot or STAND_INS[kind](int(port), float(height))
-            pilot.send()
-            pilot.hear()
+            autopilot = autopilot or STAND_INS[kind](int(port), float(height))
+            autopilot.send()
+            autopilot.receive()
             exchanges += 1
             if exchanges == FLYING:
                 print("flying", flush=True)

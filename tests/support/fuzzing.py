@@ -46,7 +46,7 @@ def corpus(target, value=0.0):
 
 
 def changeable_state(vehicle):
-    """Everything that a message could change."""
+    """State of a vehicle that a message can change."""
     parameters = vehicle.parameters
     names = [parameters.name(index) for index in range(len(parameters))]
     return (

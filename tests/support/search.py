@@ -1,4 +1,4 @@
-"""Cheap stand-ins for a search's flights, and what an archive holds."""
+"""Test doubles for the flights of a search, and access to the rows of an archive."""
 
 import contextlib
 import sqlite3
@@ -12,9 +12,9 @@ from optimize.evaluation.evaluation import Evaluation, infeasible
 from optimize.search.configuration import Configuration, SearchConfig
 
 TINY = ("--drones", "4", "--duration", "4")
-"""Options of flights that are cheap."""
+"""Options of short flights."""
 SMALL = (*TINY, "--budget", "40", "--population", "8", "--workers", "1")
-"""Options of a search that is over in some seconds."""
+"""Options of a search that takes a few seconds."""
 
 
 class FakeExecutor:
@@ -84,7 +84,7 @@ def small_configuration(**settings):
 
 
 def some_evaluation(number, flights=2):
-    """An evaluation of random numbers, the same for the same number."""
+    """Evaluation with random values, deterministic in its number."""
     rng = np.random.default_rng(number)
     return Evaluation(
         number=number,
@@ -100,7 +100,7 @@ def some_evaluation(number, flights=2):
 
 
 def rows_of(path, columns):
-    """Columns of all evaluations in a run directory, in the order of their numbers; none before its table is there."""
+    """Columns of all evaluations in a run directory, in the order of their numbers; none before the table exists."""
     with contextlib.closing(sqlite3.connect(path / "archive.sqlite")) as archive:
         try:
             return archive.execute(f"SELECT {columns} FROM evaluations ORDER BY number").fetchall()
@@ -114,11 +114,11 @@ def points_of(path):
 
 
 def evaluations_in(path):
-    """Number of evaluations in a run directory that another process may have only begun."""
+    """Number of evaluations in a run directory, which another process may still be creating."""
     return len(rows_of(path, "number")) if (path / "archive.sqlite").exists() else 0
 
 
 def change_archive(path, statement):
-    """Run an SQL statement on the archive of a run directory, as damage from outside would."""
+    """Run an SQL statement on the archive of a run directory, to damage it."""
     with contextlib.closing(sqlite3.connect(path / "archive.sqlite")) as connection, connection:
         connection.execute(statement)
