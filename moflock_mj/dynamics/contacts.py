@@ -50,7 +50,7 @@ def _drag_force_bound(drag: Drag, wind: NamedTuple, downwash: NamedTuple, speed:
 
 
 @kernel
-def _may_touch(dynamics: RigidBody, steps: int) -> bool:
+def may_touch(dynamics: RigidBody, steps: int) -> bool:
     """True if a contact is possible within the next steps, by an upper bound on the motion of the bodies."""
     gains, duration = dynamics.model.gains, steps * dynamics.model.step
     drones = dynamics.state.qpos.shape[0]
@@ -91,7 +91,7 @@ def _has_contact(dynamics: RigidBody, i: int) -> bool:
 
 
 @kernel
-def _mark_touches(dynamics: RigidBody) -> None:
+def mark_touches(dynamics: RigidBody) -> None:
     """Record the first step with contact forces on a body, and the nearest touched drone or the ground."""
     statistics, qpos = dynamics.statistics, dynamics.state.qpos
     for i in range(qpos.shape[0]):

@@ -16,10 +16,10 @@ from controllers.flight_control.cascade import OBSERVER_SIZE, Gains, track_veloc
 from controllers.flight_control.gain_design import GainDesignError, design_gains, maximum_horizontal_force
 from moflock_mj.dynamics.airframe_models import flock_model, load_airframe
 from moflock_mj.dynamics.bodies import BodyModel, BodyState, Effects, FlightStatistics, RigidBody
-from moflock_mj.dynamics.contacts import _mark_touches, _may_touch
+from moflock_mj.dynamics.contacts import mark_touches, may_touch
 from moflock_mj.dynamics.interface import Noise, advance, take_fix, write_state
 from moflock_mj.dynamics.mujoco_step import mj_step
-from moflock_mj.dynamics.rotors import _apply_rotor_wrench, _draw_power, _stop_rotors, _update_statistics
+from moflock_mj.dynamics.rotors import apply_rotor_wrench, draw_power, stop_rotors, update_statistics
 from moflock_mj.effects.battery import drain, make_battery
 from moflock_mj.effects.disturbance import make_disturbance
 from moflock_mj.effects.downwash import make_downwash, write_downwash
@@ -98,20 +98,20 @@ def advance_rigid_bodies(
     drones = dynamics.state.qpos.shape[0]
     blow(dynamics.effects.wind, world.velocity, noise.gust)
     write_downwash(dynamics.effects.downwash, dynamics.state.qpos)
-    _draw_power(dynamics, steps * dynamics.model.step)
+    draw_power(dynamics, steps * dynamics.model.step)
     drain(dynamics.effects.battery, dynamics.statistics.power, steps * dynamics.model.step)
     walk_biases(dynamics.effects.imu, noise.walk)
     qpos, qvel, error = estimated(dynamics.effects.imu, dynamics.state.qpos, dynamics.state.qvel, velocity_error)
-    collisions = _may_touch(dynamics, steps)
+    collisions = may_touch(dynamics, steps)
     model = dynamics.model.mujoco if collisions else dynamics.model.mujoco_apart
     for k in range(steps):
         for i in range(drones):
             steer(dynamics.controller, dynamics, desired, qpos, qvel, error, i)
-        _stop_rotors(dynamics)
+        stop_rotors(dynamics)
         # A single loop with the one above compiles to slower code.
         for i in range(drones):
-            _update_statistics(dynamics, i)
-            _apply_rotor_wrench(dynamics, noise.outer, k, i)
+            update_statistics(dynamics, i)
+            apply_rotor_wrench(dynamics, noise.outer, k, i)
         add_drag(
             dynamics.effects.drag,
             dynamics.effects.wind,
@@ -124,7 +124,7 @@ def advance_rigid_bodies(
         read_imu(dynamics.effects.imu, dynamics.state.qpos, dynamics.state.qvel, dynamics.state.qacc, noise.inertial, k)
         dynamics.statistics.steps[0] += 1
         if collisions:
-            _mark_touches(dynamics)
+            mark_touches(dynamics)
     for i in range(drones):
         for axis in range(3):
             world.position[axis, i] = dynamics.state.qpos[i, axis]

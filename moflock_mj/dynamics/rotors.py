@@ -37,7 +37,7 @@ def _faulty_wrench(
 
 
 @hot_kernel
-def _apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
+def apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int, i: int) -> None:
     """Apply rotor wrench, velocity disturbance and downwash to body i; then advance the rotor lag.
 
     As in MuJoCo's `filterexact` actuators, the thrust of a step is the one before this step's lag.
@@ -64,7 +64,7 @@ def _apply_rotor_wrench(dynamics: RigidBody, noise: NDArray[np.float64], k: int,
 
 
 @kernel
-def _draw_power(dynamics: RigidBody, duration: float) -> None:
+def draw_power(dynamics: RigidBody, duration: float) -> None:
     """Add the energy of an interval at the present power of the rotors."""
     thrust, statistics = dynamics.state.thrust, dynamics.statistics
     for i in range(thrust.shape[0]):
@@ -75,7 +75,7 @@ def _draw_power(dynamics: RigidBody, duration: float) -> None:
 
 
 @kernel
-def _stop_rotors(dynamics: RigidBody) -> None:
+def stop_rotors(dynamics: RigidBody) -> None:
     """Set the commands of stopped rotors to zero."""
     for i in range(dynamics.state.stopped.shape[0]):
         for rotor in range(ROTORS):
@@ -84,7 +84,7 @@ def _stop_rotors(dynamics: RigidBody) -> None:
 
 
 @hot_kernel
-def _update_statistics(dynamics: RigidBody, i: int) -> None:
+def update_statistics(dynamics: RigidBody, i: int) -> None:
     """Update the statistics of body i by the previous step."""
     statistics, gains = dynamics.statistics, dynamics.model.gains
     qx, qy = dynamics.state.qpos[i, 4], dynamics.state.qpos[i, 5]

@@ -14,7 +14,7 @@ import typer
 from moflock_mj.cli.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 from moflock_mj.errors import SearchError
 from optimize.cli.options import (
-    _FRONT_SEEDS,
+    FRONT_SEEDS,
     CORES,
     BoundsFile,
     Duration,
@@ -89,7 +89,7 @@ def optimize_command(
     timeout: Annotated[float | None, typer.Option(help="Wall time limit of an evaluation, s (default: 600).")] = None,
     front_seeds: Annotated[
         int, typer.Option(help="Fresh seeds for the re-evaluation of the front; 0 to skip it.", min=0)
-    ] = _FRONT_SEEDS,
+    ] = FRONT_SEEDS,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
     out: Annotated[Path | None, typer.Option(help="Run directory (default: a new one in logs/).")] = None,

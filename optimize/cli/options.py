@@ -37,13 +37,13 @@ RunPath = Annotated[Path, typer.Argument(help="Directory of a search.", metavar=
 CORES = os.cpu_count() or 1
 
 
-_FRONT_SEEDS = 100
+FRONT_SEEDS = 100
 
 
 FrontSeeds = Annotated[
     int | None,
     typer.Option(
-        help=f"Least number of fresh seeds; a front with fewer is flown again (default: {_FRONT_SEEDS}).", min=2
+        help=f"Least number of fresh seeds; a front with fewer is flown again (default: {FRONT_SEEDS}).", min=2
     ),
 ]
 
