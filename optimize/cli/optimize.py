@@ -14,8 +14,8 @@ import typer
 from moflock_mj.cli.options import AsJson, Drones, Dynamics, ScenarioFile, given_scenario
 from moflock_mj.errors import SearchError
 from optimize.cli.options import (
-    FRONT_SEEDS,
     CORES,
+    FRONT_SEEDS,
     BoundsFile,
     Duration,
     Scheduler,
