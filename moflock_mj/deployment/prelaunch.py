@@ -10,24 +10,10 @@ from moflock_mj.deployment.member import Member
 from moflock_mj.deployment.watchdogs import Watchdogs
 from moflock_mj.errors import DeploymentError
 from moflock_mj.ground_station.commands import request_message, set_rates
+from moflock_mj.ground_station.flight_modes import DEPLOYMENT_RATES
 from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import SIMULATED, mavlink
 from moflock_mj.scenario.scenario import Scenario
-
-RATES = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 25.0,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: 10.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0.0,
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: 0.0,
-}
-"""Message rates, Hz. With a position each 40 ms, the position behind a setpoint is at most 40 ms plus the link's delay
-old. The last two messages are redundant, and PX4 sends them unasked.
-"""
-
 
 _PX4_SIMULATED = int.from_bytes(b"ONIDLATI", "little")
 """AUTOPILOT_VERSION.uid of a PX4 built for simulation with system id 1 (part of SIMULATIONID0000); others follow."""
@@ -58,7 +44,7 @@ async def prepare(vehicles: Sequence[RemoteVehicle]) -> None:
 
 
 async def _prepare(vehicle: RemoteVehicle) -> None:
-    refused = await set_rates(vehicle, RATES)
+    refused = await set_rates(vehicle, DEPLOYMENT_RATES)
     if set(refused) & set(_NEEDED):
         raise DeploymentError(f"{vehicle}: does not send GLOBAL_POSITION_INT at the requested rate")
     for number in (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_HOME_POSITION):

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 from moflock_mj.errors import CommandError
 from moflock_mj.ground_station.commands import command, command_long
-from moflock_mj.ground_station.remote_vehicle import RemoteVehicle, mode_name
+from moflock_mj.ground_station.flight_modes import ArduCopterMode, Px4Mode, mode_name
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mavlink
 from moflock_mj.mavlink.frames import Triple, ned_of_world
 
@@ -55,26 +56,27 @@ class AutopilotProfile(NamedTuple):
     streams_first: bool
 
 
-def _px4(main: int, sub: int = 0) -> int:
-    return main << 16 | sub << 24
-
-
 PROFILES: Mapping[int, AutopilotProfile] = {
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotProfile(
         "ardupilot",
-        {FlightTask.OFFBOARD: 4, FlightTask.HOLD: 17, FlightTask.RETURN: 6, FlightTask.LAND: 9},
-        (4,),
+        {
+            FlightTask.OFFBOARD: ArduCopterMode.GUIDED,
+            FlightTask.HOLD: ArduCopterMode.BRAKE,
+            FlightTask.RETURN: ArduCopterMode.RTL,
+            FlightTask.LAND: ArduCopterMode.LAND,
+        },
+        (ArduCopterMode.GUIDED,),
         False,
     ),
     mavlink.MAV_AUTOPILOT_PX4: AutopilotProfile(
         "px4",
         {
-            FlightTask.OFFBOARD: _px4(6),
-            FlightTask.HOLD: _px4(4, 3),
-            FlightTask.RETURN: _px4(4, 5),
-            FlightTask.LAND: _px4(4, 6),
+            FlightTask.OFFBOARD: Px4Mode.OFFBOARD,
+            FlightTask.HOLD: Px4Mode.HOLD,
+            FlightTask.RETURN: Px4Mode.RETURN,
+            FlightTask.LAND: Px4Mode.LAND,
         },
-        (_px4(4, 2), _px4(4, 3)),
+        (Px4Mode.TAKEOFF, Px4Mode.HOLD),
         True,
     ),
 }

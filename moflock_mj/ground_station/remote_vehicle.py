@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
 
+from moflock_mj.ground_station.flight_modes import mode_name
 from moflock_mj.mavlink.dialect import Message, mavlink
 from moflock_mj.mavlink.frames import Origin, Triple, world_of_ned
 
@@ -19,17 +20,6 @@ _ROUND_TRIPS = 50
 _PENDING_MAX = 20
 _WINDOW = 10
 """Number of intervals of 1 s over which rate and loss are measured."""
-_MODE_NAMES = {
-    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: {
-        0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE",
-        9: "LAND", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
-    },
-    mavlink.MAV_AUTOPILOT_PX4: {
-        1 << 16: "MANUAL", 2 << 16: "ALTITUDE", 3 << 16: "POSITION", 5 << 16: "ACRO", 6 << 16: "OFFBOARD",
-        7 << 16: "STABILIZED", 4 << 16 | 2 << 24: "TAKEOFF", 4 << 16 | 3 << 24: "HOLD", 4 << 16 | 4 << 24: "MISSION",
-        4 << 16 | 5 << 24: "RETURN", 4 << 16 | 6 << 24: "LAND",
-    },
-}  # fmt: skip
 
 
 class ReceivedMessage(NamedTuple):
@@ -300,8 +290,3 @@ class RemoteVehicle:
 def timesync_stamp(time: float) -> int:
     """Time stamp of a TIMESYNC request, ns; never 0, which would mark an answer."""
     return int(time * 1e9) + 1
-
-
-def mode_name(autopilot: int, mode: int) -> str:
-    """Name of a custom_mode."""
-    return _MODE_NAMES.get(autopilot, {}).get(mode, str(mode))

@@ -14,9 +14,10 @@ from collections.abc import Callable, Sequence
 
 from moflock_mj.errors import CommandError, LinkError
 from moflock_mj.ground_station.commands import request_message, set_rates
+from moflock_mj.ground_station.flight_modes import ESTIMATOR_MESSAGES, INSPECTION_RATES, mode_name
 from moflock_mj.ground_station.origin import find_origin
 from moflock_mj.ground_station.piloting import PROFILES, FlightTask, profile_of, run_prearm_checks, set_mode
-from moflock_mj.ground_station.remote_vehicle import RemoteVehicle, mode_name
+from moflock_mj.ground_station.remote_vehicle import RemoteVehicle
 from moflock_mj.ground_station.station import GroundStation, Traffic, vehicles_at
 from moflock_mj.mavlink.addresses import Connection
 from moflock_mj.mavlink.dialect import mavlink
@@ -37,20 +38,6 @@ from moflock_mj.preflight.vehicle_settings import (
 )
 from moflock_mj.scenario.scenario import Scenario
 
-RATES = {
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
-}
-"""Minimum rates of messages, Hz; positions come at 2 / t_gps if that is faster."""
-_ESTIMATOR = {
-    "ardupilot": mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-    "px4": mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-}
 _WATCH = 6.0
 """Minimum time over which rates and losses are measured, s."""
 _POLL = 0.5
@@ -202,7 +189,7 @@ class _Inspector:
 
     async def _ask(self, vehicle: RemoteVehicle, profile: str) -> None:
         """Request messages and rates, since a real ArduPilot sends little but HEARTBEAT unasked."""
-        rates = RATES | {_ESTIMATOR[profile]: 2.0}
+        rates = INSPECTION_RATES | {ESTIMATOR_MESSAGES[profile]: 2.0}
         rates[_POSITION_ID] = max(rates[_POSITION_ID], 2 / self._scenario.t_gps)
         await set_rates(vehicle, rates)
         for number in (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_HOME_POSITION):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+from moflock_mj.ground_station.flight_modes import ArduCopterMode
 from moflock_mj.mavlink.dialect import GROUND_SYSTEM, Message, mavlink
 from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.parameters import INT8, INT16, INT32, REAL32, Parameter
@@ -17,7 +18,9 @@ from moflock_mj.simulated_vehicles.guidance import Body
 from moflock_mj.simulated_vehicles.parameter_table import ParameterTable
 from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, SetpointRequest, Vehicle, VehicleTask
 
-STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, POSHOLD, BRAKE = 0, 2, 3, 4, 5, 6, 9, 16, 17
+STABILIZE, ALT_HOLD, AUTO = ArduCopterMode.STABILIZE, ArduCopterMode.ALT_HOLD, ArduCopterMode.AUTO
+GUIDED, LOITER, RTL = ArduCopterMode.GUIDED, ArduCopterMode.LOITER, ArduCopterMode.RTL
+LAND, POSHOLD, BRAKE = ArduCopterMode.LAND, ArduCopterMode.POSHOLD, ArduCopterMode.BRAKE
 _ARMABLE = (STABILIZE, ALT_HOLD, GUIDED, LOITER, POSHOLD)
 _WITHOUT_POSITION = (STABILIZE, ALT_HOLD, LAND)
 

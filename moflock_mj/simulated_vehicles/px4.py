@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+from moflock_mj.ground_station.flight_modes import Px4Mode, px4_mode
 from moflock_mj.mavlink.dialect import Message, mavlink
 from moflock_mj.mavlink.frames import Origin
 from moflock_mj.mavlink.parameters import INT32, REAL32, Parameter
@@ -17,14 +18,9 @@ from moflock_mj.simulated_vehicles.guidance import Body
 from moflock_mj.simulated_vehicles.parameter_table import ParameterTable
 from moflock_mj.simulated_vehicles.vehicle import Descent, Phase, ReturnPlan, SetpointRequest, Vehicle, VehicleTask
 
-
-def _mode(main: int, sub: int = 0) -> int:
-    """HEARTBEAT's custom_mode of a main mode and a sub-mode."""
-    return main << 16 | sub << 24
-
-
-MANUAL, ALTITUDE, POSITION, OFFBOARD = _mode(1), _mode(2), _mode(3), _mode(6)
-TAKEOFF, HOLD, MISSION, RETURN, LAND = _mode(4, 2), _mode(4, 3), _mode(4, 4), _mode(4, 5), _mode(4, 6)
+MANUAL, ALTITUDE, POSITION, OFFBOARD = Px4Mode.MANUAL, Px4Mode.ALTITUDE, Px4Mode.POSITION, Px4Mode.OFFBOARD
+TAKEOFF, HOLD, MISSION = Px4Mode.TAKEOFF, Px4Mode.HOLD, Px4Mode.MISSION
+RETURN, LAND = Px4Mode.RETURN, Px4Mode.LAND
 _WITHOUT_POSITION = (MANUAL, ALTITUDE)
 _WITH_STICKS = (MANUAL, ALTITUDE, POSITION)
 _ENDS = (TAKEOFF, RETURN, LAND)
@@ -127,7 +123,7 @@ class Px4(Vehicle):
 
     def __init__(self, system: int, origin: Origin, body: Body, boot: float) -> None:
         super().__init__(system, origin, body, boot)
-        self._after_disarming = HOLD
+        self._after_disarming: int = HOLD
         self._battery_reported = 0
         self._requested_takeoff = math.nan
 
@@ -151,7 +147,7 @@ class Px4(Vehicle):
         main, sub = message.param2, message.param3
         if not (math.isfinite(main) and 0 < main < 256):
             return None
-        return _mode(int(main), int(sub) if math.isfinite(sub) and 0 <= sub < 256 else 0)
+        return px4_mode(int(main), int(sub) if math.isfinite(sub) and 0 <= sub < 256 else 0)
 
     def request_mode(self, mode: int) -> int:
         if mode not in self.mode_names or mode == MISSION:

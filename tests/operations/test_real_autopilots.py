@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from moflock_mj.deployment.prelaunch import RATES
 from moflock_mj.ground_station.commands import set_rates
+from moflock_mj.ground_station.flight_modes import DEPLOYMENT_RATES
 from moflock_mj.ground_station.piloting import STREAM_FIRST, FlightTask, begin, take_off, velocity_setpoint
 from moflock_mj.ground_station.station import vehicles_at
 from moflock_mj.mavlink.addresses import parse_vehicles
@@ -83,7 +83,7 @@ async def fly_px4() -> list[float]:
     PX4 sends to UDP port 14550 by itself.
     """
     async with vehicles_at(parse_vehicles("udpin:127.0.0.1:14550"), timeout=120.0) as (_, (vehicle,)):
-        assert await set_rates(vehicle, RATES) == []
+        assert await set_rates(vehicle, DEPLOYMENT_RATES) == []
 
         async def until(condition, what):
             try:
