@@ -110,17 +110,22 @@ def _typed(field: dataclasses.Field[Any], name: str, value: Any, error: type[Mof
     if types[0] == "str" and isinstance(value, str):
         return value
     if types[0] == "tuple[float, float]" and isinstance(value, (list, tuple)) and len(value) == 2:
-        return tuple(_real(name, part, error) for part in value)
+        return tuple(real_number(name, part, error) for part in value)
     number = not isinstance(value, (bool, str)) and hasattr(value, "__float__")
     if types[0] == "int" and number and float(value).is_integer():
         return int(value)
     if types[0] == "float":
-        return _real(name, value, error)
+        return real_number(name, value, error)
     kinds = {"bool": "true or false", "str": "a text", "int": "a whole number", "tuple[float, float]": "two numbers"}
     raise error(f"{name}: {value!r} is of the wrong type: it must be {kinds[types[0]]}")
 
 
-def _real(name: str, value: Any, error: type[MoflockError]) -> float:
+def real_number(name: str, value: Any, error: type[MoflockError]) -> float:
+    """Check that a value is a finite number, and convert it to a float.
+
+    Raises:
+        MoflockError: (`error`) one line that names the field and the value.
+    """
     if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
         raise error(f"{name}: {value!r} is of the wrong type: it must be a number")
     if not math.isfinite(value):

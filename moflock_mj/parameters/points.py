@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ from controllers.policies.interface import PolicySpec
 from controllers.policies.registry import DEFAULT_POLICY, POLICIES, make_params, spec_of, values_of
 from controllers.policies.target_tracking import TargetTrackingParams
 from moflock_mj.errors import PointError, ScenarioError
-from moflock_mj.fields import check_keys
+from moflock_mj.fields import check_keys, real_number
 from moflock_mj.files import read_limited
 
 _FOLDER = Path(__file__).parent / "named_points"
@@ -93,10 +92,7 @@ def point_from(spec: PolicySpec, numbers: Iterable[Any]) -> NamedTuple:
         raise PointError(f"point: {len(values)} parameters; it must be {len(spec.parameters)}")
     for parameter, value in zip(spec.parameters, values, strict=True):
         name = parameter.name
-        if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
-            raise PointError(f"{name}: {value!r} is of the wrong type: it must be a number")
-        if not math.isfinite(value):
-            raise PointError(f"{name}: {value!r} is not a finite number")
+        real_number(name, value, PointError)
         if abs(value) > _MAX_SIZE:
             raise PointError(f"{name}: {value!r} is out of bounds: it must be at most {_MAX_SIZE:g} in size")
         if parameter.positive and value <= 0:

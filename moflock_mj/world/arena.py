@@ -6,7 +6,6 @@ A shape is a named tuple of numbers in a module of its own, with the methods of 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, cast
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moflock_mj.errors import ScenarioError
-from moflock_mj.fields import check_keys
+from moflock_mj.fields import check_keys, real_number
 from moflock_mj.world import circle, square
 
 
@@ -129,9 +128,8 @@ def arena_table(arena: Any) -> dict[str, Any]:
 
 def _checked(field: ArenaField, value: Any) -> float:
     name = f"arena.{field.name}"
-    if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
-        raise ScenarioError(f"{name}: {value!r} is of the wrong type: it must be a number")
-    if not math.isfinite(value) or not field.low <= value <= field.high:
+    number = real_number(name, value, ScenarioError)
+    if not field.low <= number <= field.high:
         limit = f"at least {field.low:g} {field.unit} and at most {field.high:g} {field.unit}"
         raise ScenarioError(f"{name}: {value!r} is out of bounds: it must be {limit}")
-    return float(value)
+    return number

@@ -98,7 +98,7 @@ def pca(
 
     check_counts(points=points)
     scenario = search_scenario(scenario, dynamics)
-    job = Job(scenario=scenario, dynamics=dynamics)
+    job = Job(scenario=scenario, dynamics=dynamics, policy=bounds.policy)
     settings = {"dynamics": dynamics, "bounds": bounds.to_dict(), "points": points, "seed": seed, "sampling": sampling}
     request = Study(command="pca", scenario=scenario, settings=settings)
     folder = out.with_suffix(".flights") if out else request.default_folder()

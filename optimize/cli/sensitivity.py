@@ -142,7 +142,9 @@ def sensitivity(
     params = load_point(point)
     check_samples(samples)
     check_counts(levels=levels, seeds=seeds)
-    job = Job(scenario=search_scenario(scenario, dynamics), dynamics=dynamics)
+    if bounds.policy != spec_of(params).name:
+        raise SearchError(f"bounds: policy {bounds.policy!r}: it must be that of the point, {spec_of(params).name!r}")
+    job = Job(scenario=search_scenario(scenario, dynamics), dynamics=dynamics, policy=bounds.policy)
     sizes = {"samples": samples, "levels": levels, "seeds": seeds}
     settings = {
         "policy": spec_of(params).name,
@@ -209,7 +211,7 @@ def sweeps(
     check_counts(seeds=seeds)
     scenarios = {name: swept_scenarios(params, scenario, name, values, dynamics) for name, values in fields.items()}
     variants = tuple(itertools.chain.from_iterable(scenarios.values()))
-    job = Job(scenario=variants[0], dynamics=dynamics, variants=variants)
+    job = Job(scenario=variants[0], dynamics=dynamics, policy=spec_of(params).name, variants=variants)
     settings = {
         "policy": spec_of(params).name,
         "point": values_of(params),

@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from controllers.policies.reynolds import ReynoldsParams
 from controllers.policies.vasarhelyi import VasarhelyiParams
 from moflock_mj.parameters.bounds import policy_bounds
-from moflock_mj.parameters.points import load_point
+from moflock_mj.parameters.points import dump_point, load_point
 from optimize.analysis.sensitivity import one_at_a_time, sobol_indices
 from optimize.evaluation.evaluation import Evaluation
 from tests.support.cli import refused, run
@@ -79,6 +80,16 @@ def test_a_sweep_writes_a_figure_of_each_field(tmp_path):
     told = json.loads(done.stdout)["sweeps"]
     assert np.array(told["drones"]["fitness"]).shape == np.array(told["t_del"]["fitness"]).shape == (2, 2, 6)
     assert {path.name for path in (tmp_path / "s").iterdir()} >= {"drones.png", "t_del.png", "sweeps.json"}
+
+
+def test_a_point_of_another_policy_is_swept_and_needs_bounds_of_its_own(tmp_path):
+    point = tmp_path / "reynolds.json"
+    point.write_text(dump_point(ReynoldsParams(150.0, 0.02, 0.8, 0.3, 13.6, 3.02, 3.55, 1.0)))
+    asked = ("--drones", 3, "--seeds", 2, "--duration", 2, "--workers", 1, "--json")
+    done = run("sweep", point, *asked, "--out", tmp_path / "s")
+    assert done.returncode == 0, done.stderr
+    assert np.isfinite(json.loads(done.stdout)["sweeps"]["drones"]["fitness"]).all()
+    assert "bounds: policy 'vasarhelyi'" in refused("sensitivity", point, "--samples", 2)
 
 
 @pytest.mark.parametrize(
